@@ -1,15 +1,18 @@
-//! A generator that the user names, at its operating points: options, objective and weights.
+//! A generator that the user names on the command line, at its operating points.
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result};
+use sage_bench::{
+    named_generator::{GeneratorSpec, NamedGenerator},
+    weights::{NamedExperts, find_dial},
+};
 use sage_core::objective::FurtherMeasures;
-use sage_generators::{Aggression, Facts};
-use sage_merging::ExpertSet;
+use sage_generators::Facts;
 use serde_json::{Map, Value, json};
 
 use crate::{
     Registries,
     cli::AttackArgs,
-    generators::{BuiltGenerator, Generators, weight_hashes},
+    generators::{BuiltGenerator, weight_hashes},
     networks,
     operating_point::OperatingPointSpec,
     output,
@@ -17,25 +20,6 @@ use crate::{
     progress,
     selection::Selection,
 };
-
-/// Loaded weights with their name.
-pub(crate) struct Weights {
-    pub(crate) name: String,
-    pub(crate) experts: ExpertSet,
-}
-
-impl Weights {
-    /// Loads named weights, or the default ones, and says which; with their experts, or the prior alone.
-    ///
-    /// *Errors*: weights that cannot be used.
-    pub(crate) fn load(named: Option<&str>, with_experts: bool, registries: &Registries) -> Result<Self> {
-        let name = named.unwrap_or(networks::DEFAULT).to_owned();
-        let find = if with_experts { networks::find_experts } else { networks::find_prior };
-        let (experts, header) = find(&registries.backbones, &name)?;
-        networks::announce_experts(&name, &experts, &header);
-        Ok(Self { name, experts })
-    }
-}
 
 /// The generator of a run, at all its operating points.
 pub(crate) struct RunGenerator<'a> {
@@ -46,10 +30,31 @@ pub(crate) struct RunGenerator<'a> {
     /// Name of each operating point, as part of file names.
     pub(crate) variants: Vec<String>,
     /// `None` for a generator without experts.
-    pub(crate) weights: Option<Weights>,
+    weights: Option<NamedExperts>,
     pub(crate) built: BuiltGenerator,
     /// Operating points as files and rows record them, even if the generator does not depend on λ or μ.
     pub(crate) points: Vec<OperatingPointSpec>,
+}
+
+/// The generator that arguments name.
+///
+/// *Errors*: `--options` is not a JSON object.
+pub(crate) fn spec(method: &Part, args: &AttackArgs) -> Result<GeneratorSpec> {
+    let mut method = method.clone();
+    if let Some(options) = &args.options {
+        let options: Map<String, Value> =
+            serde_json::from_str(options).context("--options is not a JSON object")?;
+        method.options.extend(options);
+    }
+    Ok(GeneratorSpec {
+        method,
+        selection: args.selection.clone(),
+        feasibility: args.rule.feasibility.clone(),
+        merger: args.points.merging.merger.clone(),
+        weights: args.weights.clone(),
+        points: args.points.listed(),
+        seed: args.seed,
+    })
 }
 
 impl<'a> RunGenerator<'a> {
@@ -57,38 +62,15 @@ impl<'a> RunGenerator<'a> {
     ///
     /// *Errors*: an argument is out of range or names an unknown part; weights cannot be used, or have no dial.
     pub(crate) fn new(method: &Part, args: &'a AttackArgs, registries: &'a Registries) -> Result<Self> {
-        let mut method = method.clone();
-        if let Some(options) = &args.options {
-            let options: Map<String, Value> =
-                serde_json::from_str(options).context("--options is not a JSON object")?;
-            method.options.extend(options);
-        }
-        let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
-        let mut generators = Generators::new(registries, &args.points.merging.merger, &selection, args.seed)?;
-        let facts = generators.facts(&method)?;
-        let range = generators.merger().range();
-        let variants = args.points.listed().variants(range)?;
-        warn_of_unused(&method, args, &facts);
-        let variants = if facts.uses_operating_point() { variants } else { vec![method.name.clone()] };
-        let twice = (1..variants.len()).find(|k| variants[..*k].contains(&variants[*k]));
-        if let Some(k) = twice {
-            anyhow::bail!("the operating point `{}` is given twice", variants[k]);
-        }
-        let spec = Some(selection.objective.spec());
-        let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, spec)?;
-        let load = || Weights::load(args.weights.as_deref(), facts.depends_on_lambda, registries);
-        let weights = facts.needs_experts.then(load).transpose()?;
-        if let Some(weights) = &weights {
-            generators = generators.with_experts(&weights.experts);
-        }
-        let dial = || dial(weights.as_ref(), args, &selection);
-        let points = if facts.uses_operating_point() {
-            args.points.listed().specs(range, dial)?
-        } else {
-            vec![OperatingPointSpec::at(1.0, None, range)?]
-        };
-        ensure!(points.len() == variants.len(), "every operating point has a name");
-        let built = generators.build(&method, &points)?;
+        let spec = spec(method, args)?;
+        let method = spec.method.clone();
+        let checked = spec.checked(registries)?;
+        warn_of_unused(&method, args, &checked.facts);
+        let named = checked.build(networks::announce_experts)?;
+        named.notes.iter().for_each(|note| progress::say(&format!("warning: {note}")));
+        let NamedGenerator { selection, variants, weights, built, points, .. } = named;
+        let objective = Some(selection.objective.spec());
+        let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, objective)?;
         Ok(Self { args, method, selection, further, variants, weights, built, points })
     }
 
@@ -102,10 +84,10 @@ impl<'a> RunGenerator<'a> {
     /// *Errors*: none on a CPU.
     pub(crate) fn identity(&self) -> Result<Value> {
         let (mut weights, mut dials) = (Map::new(), Map::new());
-        if let Some(Weights { name, experts }) = &self.weights {
+        if let Some(NamedExperts { name, experts, .. }) = &self.weights {
             weights.insert(name.clone(), weight_hashes(experts)?.into());
             if self.args.points.aggression.is_some() && self.built.facts.uses_operating_point() {
-                let dial = networks::find_dial(name, experts, &self.selection).ok();
+                let dial = find_dial(name, experts, &self.selection).ok();
                 dials.insert(name.clone(), json!(dial.map(|dial| dial.mu)));
             }
         }
@@ -131,19 +113,6 @@ impl<'a> RunGenerator<'a> {
         }
         described
     }
-}
-
-/// The dial of some weights for the operating points that are given.
-///
-/// *Errors*: there are no weights, or no dial was fitted for them.
-pub(crate) fn dial(
-    weights: Option<&Weights>,
-    args: &AttackArgs,
-    selection: &Selection,
-) -> Result<Aggression> {
-    let weights = weights.context("a dial needs experts; name their folder with --weights")?;
-    let merger = args.points.merging.merger.to_string();
-    networks::load_dial(&weights.name, &weights.experts, selection, &merger)
 }
 
 /// Prints a note on options that the generator does not depend on.

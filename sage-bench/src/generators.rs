@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use sage_core::{
     Error,
     generator::{ApartNow, Attack, Generator as _, OperatingPoint},
@@ -182,7 +182,9 @@ pub fn weight_hashes(experts: &ExpertSet) -> Result<Map<String, Value>> {
 /// *Errors*: the first key that occurs twice.
 pub fn refuse_duplicates(keys: &[RowKey]) -> Result<()> {
     match keys.iter().enumerate().find(|(k, key)| keys[..*k].contains(key)) {
-        Some((_, key)) => bail!("the row `{}` is given twice", key.label()),
+        Some((_, key)) => {
+            Err(crate::Error::Value(format!("the row `{}` is given twice", key.label())).into())
+        }
         None => Ok(()),
     }
 }

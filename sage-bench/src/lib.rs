@@ -5,14 +5,18 @@
 //! - [`rows`]: the results. [`estimate`]: means, shares and differences with intervals. [`curve`]: quantities of curves over λ.
 //! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`table`]: Markdown and CSV. [`published`]: numbers of
 //!   the paper.
-//! - [`part`], [`operating_point`], [`selection`], [`generators`], [`ego`], [`react`], [`search`]: what users name, as studies and commands give it.
+//! - What users name, as studies, commands and programs give it: [`part`], [`operating_point`], [`selection`], [`weights`],
+//!   [`generators`] and [`named_generator`], [`ego`], [`react`], [`search`] and [`named_search`].
 
 pub mod chart;
 pub mod curve;
 pub mod ego;
+mod error;
 pub mod estimate;
 pub mod generators;
 pub mod measure;
+pub mod named_generator;
+pub mod named_search;
 pub mod operating_point;
 pub mod part;
 pub mod plan;
@@ -26,6 +30,8 @@ pub mod search;
 pub mod selection;
 pub mod study;
 pub mod table;
+pub mod weights;
 pub mod wrap;
 
+pub use error::Error;
 pub use registries::{MetricRegistries, Registries};

@@ -1,13 +1,13 @@
 //! Operating points on the command line, and the keys of result rows.
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use sage_core::generator::{Mixture, OperatingPoint};
 use sage_generators::Aggression;
 use sage_merging::{ADVERSARIAL, ExpertSet, Range};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::part::Part;
+use crate::{Error, part::Part};
 
 /// An operating point as the user gives it: by λ, by aggression, or by the weights of named experts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -182,7 +182,7 @@ impl OperatingPoints {
 
 fn checked(mu: f64) -> Result<f64> {
     if !(0.0..=1.0).contains(&mu) {
-        bail!("mu is {mu}; expected 0 to 1");
+        return Err(Error::Value(format!("mu is {mu}; expected 0 to 1")).into());
     }
     Ok(mu)
 }

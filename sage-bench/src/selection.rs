@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use sage_core::{
     files,
     objective::{Objective, ObjectiveSpec, PRESETS},
 };
 
-use crate::{Registries, part::Part};
+use crate::{Error, Registries, part::Part};
 
 /// Size limit of an objective file, bytes.
 const LIMIT: u64 = 1 << 20;
@@ -44,7 +44,10 @@ fn read(name: &str) -> Result<ObjectiveSpec> {
     let path = Path::new(name);
     if !name.ends_with(".json") && !path.exists() {
         let known = PRESETS.map(|(name, _)| name).join(", ");
-        bail!("unknown selection `{name}`; known: {known}; or a JSON file of an objective");
+        return Err(Error::Unknown(format!(
+            "unknown selection `{name}`; known: {known}; or a JSON file of an objective"
+        ))
+        .into());
     }
     let text = files::read_text(path, LIMIT).with_context(|| format!("cannot read `{name}`"))?;
     serde_json::from_str(&text).with_context(|| format!("`{name}`"))

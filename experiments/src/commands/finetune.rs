@@ -17,7 +17,7 @@ use sage_backbones::{
     },
     weights::PRIOR_FILE,
 };
-use sage_bench::table::Table;
+use sage_bench::{table::Table, weights::NamedNetwork};
 use sage_core::{
     objective::{Objective, ObjectiveSpec},
     scene::SceneData,
@@ -29,8 +29,7 @@ use serde_json::{Map, Value, json};
 use crate::{
     Outcome, Registries,
     cli::FinetuneArgs,
-    input,
-    networks::{self, Loaded},
+    input, networks,
     output::{self, Run, RunState},
     progress,
     scenes::{self, Scenes},
@@ -135,12 +134,12 @@ fn read_config(path: &Path) -> Result<Map<String, Value>> {
 /// The prior with some edges in its features. A network without this option keeps its features, also with the shipped
 /// variants; other edges that are asked for are an error.
 fn with_edges(
-    loaded: Loaded,
+    loaded: NamedNetwork,
     args: &FinetuneArgs,
     edges_of_run: Option<EdgeKinds>,
     registries: &Registries,
-) -> Result<Loaded> {
-    let Loaded { network, mut header, name } = loaded;
+) -> Result<NamedNetwork> {
+    let NamedNetwork { network, mut header, name, note } = loaded;
     let mut options = network.options().clone();
     let Some(edges) = options.get_mut(EDGES) else {
         let is_shipped = args.edges.is_none() && args.variants.as_deref() == Some(ABLATION);
@@ -149,13 +148,13 @@ fn with_edges(
             "the network `{}` has no option `edges`; omit --edges and `edges`",
             network.name()
         );
-        return Ok(Loaded { network, header, name });
+        return Ok(NamedNetwork { network, header, name, note });
     };
     *edges = serde_json::to_value(edges_of_run.unwrap_or(EdgeKinds::All))?;
     let changed = registries.backbones.build(network.name(), &options)?;
     let network = changed.with_parameters(network.parameters().clone())?;
     header.options = options;
-    Ok(Loaded { network, header, name })
+    Ok(NamedNetwork { network, header, name, note })
 }
 
 pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {

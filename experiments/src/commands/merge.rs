@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::{Parameters, parameters::Header, training::Tunes, weights::PRIOR_FILE};
-use sage_bench::table::Table;
+use sage_bench::{table::Table, weights};
 use sage_core::generator::Mixture;
 use sage_merging::{ExpertFile, ExpertSet, Range, merged_weights};
 use serde_json::json;
@@ -75,7 +75,7 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
     let scenes =
         recipe.search.iter().flat_map(|search| &search.scenes).map(|path| beside(&args.recipe, path));
     let inputs = Inputs::of_command_line().and(models).and(scenes).and([base]);
-    let inputs = inputs.and(networks::folder_of(&recipe.base));
+    let inputs = inputs.and(weights::folder_of(&recipe.base));
     let folder = Folder::make_beside(&inputs, &args.folder.out, args.folder.force)?;
     let mut header = Header {
         backbone: experts.prior().name().to_owned(),

@@ -6,10 +6,10 @@ use std::{
 };
 
 use anyhow::{Result, bail};
+use sage_bench::weights;
 use sage_data::womd;
 
 use super::{command_line, resolved_folder};
-use crate::networks;
 
 /// Flags whose value is an output, not an input.
 const OUTPUTS: [&str; 4] = ["--out", "--report", "--junit", "--svg"];
@@ -48,7 +48,7 @@ impl Inputs {
                 continue;
             }
             found.extend(parts(&argument).filter_map(resolved));
-            found.extend(networks::folder_of(&argument).and_then(resolved));
+            found.extend(weights::folder_of(&argument).and_then(resolved));
         }
         found.sort();
         found.dedup();

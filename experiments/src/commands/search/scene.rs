@@ -114,8 +114,9 @@ impl OneScene<'_> {
             AttackTest::new(&*searcher.ego.policy, &simulated, args.attack.seed).with_context(failed)?;
         let ctx = test.context()?;
         ctx.check_apart_now()?;
-        let rule = &searcher.rule.objective;
-        let (pool, result) = searcher.plans.search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;
+        let rule = &searcher.rule().objective;
+        let (pool, result) =
+            searcher.plans().search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;
         if result.reason == Some(Reason::Error) {
             let first =
                 result.driven.first().and_then(|evaluated| evaluated.error.clone()).unwrap_or_default();
@@ -129,7 +130,7 @@ impl OneScene<'_> {
             seed: args.attack.seed,
             adversary: ctx.adversary().id.clone(),
         };
-        let source = |number| searcher.plans.source(number);
+        let source = |number| searcher.plans().source(number);
         let mut row = SceneRow::new(head, searcher.options.require, &pool, &result, source);
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
         let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
@@ -193,7 +194,7 @@ impl OneScene<'_> {
     ) -> Result<Vec<(String, Vec<u8>)>> {
         let (searcher, evaluated) = (self.searcher, &result.driven[failure.drive]);
         let plan = &pool.plans[evaluated.plan];
-        let key = self.searcher.plans.source(plan.source);
+        let key = self.searcher.plans().source(plan.source);
         let described = self.described(key.and_then(|key| serde_json::to_value(key).ok()));
         let attack = Attack {
             trajectory: &plan.proposal.trajectory,
@@ -254,7 +255,7 @@ impl OneScene<'_> {
         let row = |evaluated: &'r sage_sim::search::Evaluated| {
             let plan = &pool.plans[evaluated.plan];
             DrivenRow {
-                plan: PlanRow::new(pool, evaluated.plan, self.searcher.plans.source(plan.source)),
+                plan: PlanRow::new(pool, evaluated.plan, self.searcher.plans().source(plan.source)),
                 evaluated: EvaluatedRow::of(evaluated),
                 time_to_react: evaluated.time_to_react,
                 error: evaluated.error.as_deref(),

@@ -1,0 +1,100 @@
+//! A search as a user names it, with all that its plans are built from.
+
+use anyhow::Result;
+use sage_generators::Facts;
+
+use crate::{
+    Registries,
+    generators::Generators,
+    named_generator::dial,
+    operating_point::{OperatingPointSpec, OperatingPoints},
+    part::Part,
+    search::{self, POOL, PlanSources},
+    selection::Selection,
+    weights::{self, NamedExperts},
+};
+
+/// What a user says of the plans of a search.
+#[derive(Clone, Debug)]
+pub struct SearchSpec {
+    /// The generator that proposes plans; `None` for the default pool.
+    pub method: Option<Part>,
+    /// The selection of a generator that plans against the ego.
+    pub selection: String,
+    /// What feasible means; `drivable` if `None`.
+    pub feasibility: Option<Part>,
+    /// Merger of the experts.
+    pub merger: Part,
+    /// Weights by name; `None` for [`weights::DEFAULT`].
+    pub weights: Option<String>,
+    /// Operating points; none for the default ones.
+    pub points: OperatingPoints,
+    /// Largest number of plans.
+    pub plans: usize,
+    /// Seed of plans that are drawn.
+    pub seed: u64,
+}
+
+/// What searches scenes, apart from the driver.
+pub struct NamedSearch {
+    /// Its rule decides which plans are feasible.
+    pub rule: Selection,
+    /// The generator that the user names, and what it depends on.
+    pub method: Option<(Part, Facts)>,
+    /// The selection of the user.
+    pub selection: Selection,
+    /// `None` if no plan needs experts.
+    pub weights: Option<NamedExperts>,
+    /// Operating points that the user gives; none for the default ones.
+    pub points: Vec<OperatingPointSpec>,
+    /// Where plans come from.
+    pub plans: PlanSources,
+    /// What the user should know, besides the notes of the weights.
+    pub notes: Vec<String>,
+}
+
+impl SearchSpec {
+    /// Checks everything, loads weights and builds the generators. `loaded` is told of the weights before they are used.
+    ///
+    /// *Errors*: an option is out of range or names an unknown part; weights cannot be used.
+    pub fn build(self, registries: &Registries, loaded: impl FnOnce(&NamedExperts)) -> Result<NamedSearch> {
+        let rule = search::rule(registries, self.feasibility.as_ref())?;
+        let of_rule = Generators::new(registries, &self.merger, &rule, self.seed)?;
+        let method = self.method.map(|method| Ok::<_, anyhow::Error>((of_rule.facts(&method)?, method)));
+        let method = method.transpose()?.map(|(facts, method)| (method, facts));
+        let selection = Selection::of(registries, &self.selection, self.feasibility.as_ref())?;
+        // Of a generator that plans against the ego the selection is the plan; of the others every candidate is one.
+        let facts = method.as_ref().map(|(_, facts)| facts);
+        let mut generators = if facts.is_some_and(|facts| facts.plans_against_ego) {
+            Generators::new(registries, &self.merger, &selection, self.seed)?
+        } else {
+            of_rule
+        };
+        let mut weights = None;
+        if facts.is_none_or(|facts| facts.needs_experts) {
+            let name = self.weights.as_deref().unwrap_or(weights::DEFAULT);
+            let with_experts = facts.is_none_or(|facts| facts.depends_on_lambda);
+            let load = if with_experts { NamedExperts::load } else { NamedExperts::load_prior };
+            let named = load(&registries.backbones, name)?;
+            loaded(&named);
+            generators = generators.with_experts(&named.experts);
+            weights = Some(named);
+        }
+        let mut notes = Vec::new();
+        let range = generators.merger().range();
+        let points =
+            self.points.specs(range, || dial(weights.as_ref(), &selection, &self.merger, &mut notes))?;
+        let plans = match &method {
+            Some((method, _)) => PlanSources::of_generator(&generators, method, &points, self.plans)?,
+            None => PlanSources::pool(&generators, &points, self.plans)?,
+        };
+        Ok(NamedSearch { rule, method, selection, weights, points, plans, notes })
+    }
+}
+
+impl NamedSearch {
+    /// Name of the plans in rows and tables.
+    pub fn method(&self) -> String {
+        self.method.as_ref().map_or(POOL.to_owned(), |(method, _)| method.to_string())
+    }
+}

@@ -1,0 +1,208 @@
+//! Networks and weights by the names that users give. Nothing is printed: what a user should know about some weights comes
+//! back as notes.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use sage_backbones::{
+    Backbone,
+    parameters::Header,
+    weights::{PRIOR_FILE, Weights},
+};
+use sage_core::registry::Registry;
+use sage_generators::FittedDial;
+use sage_merging::ExpertSet;
+
+use crate::{Error, selection::Selection};
+
+/// Environment variable that names the folder of weights trained on recorded scenes.
+pub const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
+
+/// Weights that are used unless others are named: free, in the program, and the same from any folder.
+pub const DEFAULT: &str = "procedural";
+/// Weights trained on recorded scenes.
+const WAYMO: &str = "waymo";
+/// The same prior with experts of the paper's objectives.
+const WAYMO_PAPER: &str = "waymo-paper";
+/// Names of the weights that this project ships.
+const SHIPPED: [&str; 3] = [DEFAULT, WAYMO, WAYMO_PAPER];
+/// Prefix of a backbone's name that selects its initial weights, as a baseline.
+const UNTRAINED: &str = "untrained:";
+
+/// A network with the header of its file.
+pub struct NamedNetwork {
+    /// Name that the user gave.
+    pub name: String,
+    /// The network.
+    pub network: Box<dyn Backbone>,
+    /// Header of its file.
+    pub header: Header,
+    /// What the user should know about its file.
+    pub note: Option<String>,
+}
+
+impl NamedNetwork {
+    /// Loads a prior by name: `procedural`, `waymo`, a folder, a file, a backbone without weights, or
+    /// `untrained:` and a backbone.
+    ///
+    /// *Errors*: there are no such weights, or they do not match their network.
+    pub fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
+        let (network, header) = if let Ok(entry) = registry.get(name) {
+            let network = registry.build_default(entry.name)?;
+            if !network.parameter_specs().is_empty() {
+                return Err(Error::Value(format!(
+                    "`{name}` is a network without weights; name a folder of weights, `procedural` or `waymo`"
+                ))
+                .into());
+            }
+            (network, Header { backbone: name.to_owned(), ..Header::default() })
+        } else if let Some(backbone) = name.strip_prefix(UNTRAINED) {
+            let network = registry.build_default(backbone)?;
+            let header = Header {
+                backbone: backbone.to_owned(),
+                options: network.options().clone(),
+                command: "untrained".to_owned(),
+                ..Header::default()
+            };
+            (network, header)
+        } else {
+            let (network, header) = find(name)?.prior(registry)?;
+            let note = note_without_hash(name, &header, &[]);
+            return Ok(Self { name: name.to_owned(), network, header, note });
+        };
+        Ok(Self { name: name.to_owned(), network, header, note: None })
+    }
+
+    /// Which weights these are, in one line.
+    pub fn description(&self) -> String {
+        described(&self.name, self.network.name(), &self.header)
+    }
+}
+
+/// A prior with its experts.
+pub struct NamedExperts {
+    /// Name that the user gave.
+    pub name: String,
+    /// The prior and its experts.
+    pub experts: ExpertSet,
+    /// Header of the prior's file.
+    pub header: Header,
+    /// What the user should know about the files.
+    pub note: Option<String>,
+}
+
+impl NamedExperts {
+    /// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` wrote.
+    ///
+    /// *Errors*: as [`NamedNetwork::load`]; an expert is missing or does not match the prior.
+    pub fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
+        let found = ExpertSet::load(&find(name)?, registry).with_context(|| format!("weights `{name}`"));
+        let (experts, header) = found?;
+        let note = note_without_hash(name, &header, experts.files_without_hash());
+        Ok(Self { name: name.to_owned(), experts, header, note })
+    }
+
+    /// The prior of some weights without its experts.
+    ///
+    /// *Errors*: as [`NamedNetwork::load`].
+    pub fn load_prior(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
+        let (prior, header) = find(name)?.prior(registry).with_context(|| format!("weights `{name}`"))?;
+        let note = note_without_hash(name, &header, &[]);
+        Ok(Self { name: name.to_owned(), experts: ExpertSet::of_prior(prior.into()), header, note })
+    }
+
+    /// Which weights these are, in one line.
+    pub fn description(&self) -> String {
+        described(&self.name, self.experts.prior().name(), &self.header)
+    }
+}
+
+/// The dial that was fitted for a set of experts and a selection. It maps aggression to λ and μ.
+///
+/// *Errors*: no dial was fitted, or it was fitted for other experts.
+pub fn find_dial(name: &str, experts: &ExpertSet, selection: &Selection) -> Result<FittedDial> {
+    Ok(FittedDial::load(&find(name)?, experts, &selection.name, selection.objective.spec())?)
+}
+
+/// What the user should know of a dial that is used with a merger; `None` if it was fitted for it.
+pub fn note_on_merger(dial: &FittedDial, merger: &str) -> Option<String> {
+    (dial.merger != merger).then(|| {
+        format!(
+            "the dial was fitted for the merger `{}`; with `{merger}` the attack rate may not rise linearly",
+            dial.merger
+        )
+    })
+}
+
+/// Finds weights by name.
+///
+/// *Errors*: there are no such weights.
+fn find(name: &str) -> Result<Weights> {
+    match name {
+        DEFAULT => {
+            Ok(Weights::Carried { name: "weights/procedural (in the binary)", files: sage_weights::PROCEDURAL })
+        }
+        WAYMO | WAYMO_PAPER => recorded(name)?.map(Weights::File).ok_or_else(|| {
+            Error::Unknown(format!(
+                "no weights `{name}`: there is no `weights/{name}/{PRIOR_FILE}` in this folder, and {WEIGHTS_VARIABLE} is not set or holds none; use --weights procedural, or a folder"
+            ))
+            .into()
+        }),
+        _ => {
+            let weights = Weights::at(Path::new(name));
+            if matches!(&weights, Weights::File(file) if !file.is_file()) {
+                return Err(Error::Unknown(format!(
+                    "no weights `{name}`: expected `procedural`, `waymo`, `waymo-paper`, a file, or a folder that holds `{PRIOR_FILE}`"
+                ))
+                .into());
+            }
+            Ok(weights)
+        }
+    }
+}
+
+/// File of weights trained on recorded scenes, if it is available. The environment variable names a folder of
+/// several weights, or that of `waymo`.
+///
+/// *Errors*: the environment variable names a folder without weights.
+fn recorded(name: &str) -> Result<Option<PathBuf>> {
+    let file = |folder: PathBuf| Some(folder.join(PRIOR_FILE)).filter(|file| file.is_file());
+    let Some(folder) = std::env::var_os(WEIGHTS_VARIABLE).filter(|folder| !folder.is_empty()) else {
+        return Ok(file(Path::new("weights").join(name)));
+    };
+    let folder = PathBuf::from(folder);
+    let [own, waymo] = [name, WAYMO].map(|name| file(folder.join(name)));
+    match (own, waymo.or_else(|| file(folder.clone()))) {
+        (Some(found), _) => Ok(Some(found)),
+        (None, Some(found)) => Ok(Some(found).filter(|_| name == WAYMO)),
+        (None, None) => Err(Error::Unknown(format!(
+            "{WEIGHTS_VARIABLE} is `{}`, which holds neither `{WAYMO}/{PRIOR_FILE}` nor `{PRIOR_FILE}`; correct or unset it",
+            folder.display()
+        ))
+        .into()),
+    }
+}
+
+/// Folder of the weights with a name, if there is one.
+pub fn folder_of(name: &str) -> Option<PathBuf> {
+    let file = if [WAYMO, WAYMO_PAPER].contains(&name) { recorded(name).ok()? } else { None };
+    file.and_then(|file| Some(file.parent()?.to_owned()))
+}
+
+/// What to say if files hold no hash of their content. Nothing is said of shipped weights.
+fn note_without_hash(name: &str, prior: &Header, experts: &[PathBuf]) -> Option<String> {
+    if SHIPPED.contains(&name) || prior.is_hashed && experts.is_empty() {
+        return None;
+    }
+    let which = experts.first().filter(|_| prior.is_hashed);
+    let which = which.map_or_else(|| "the prior".to_owned(), |path| format!("`{}`", path.display()));
+    Some(format!(
+        "weights `{name}`: {which} holds no hash of its content, so damage would not be noticed; files of this version hold one"
+    ))
+}
+
+fn described(name: &str, network: &str, header: &Header) -> String {
+    let terms = header.license.split('.').next().unwrap_or_default();
+    let terms = if terms.is_empty() { String::new() } else { format!("; {}", terms.to_lowercase()) };
+    format!("weights `{name}` (network {network}{terms})")
+}

@@ -1,0 +1,208 @@
+//! Errors of the libraries as exceptions of Python, and the guard around every call.
+
+use std::{
+    cell::Cell,
+    io,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+};
+
+use pyo3::{import_exception, prelude::*};
+
+import_exception!(advsage.errors, FormatError);
+import_exception!(advsage.errors, SceneError);
+import_exception!(advsage.errors, OptionError);
+import_exception!(advsage.errors, UnknownName);
+import_exception!(advsage.errors, FileError);
+import_exception!(advsage.errors, MissingFile);
+import_exception!(advsage.errors, PlannerError);
+import_exception!(advsage.errors, InternalError);
+
+/// What an error is for a caller.
+enum Kind<'e> {
+    Format,
+    Scene,
+    Option,
+    Unknown,
+    Planner,
+    File(Option<&'e Path>, &'e io::Error),
+    /// None of the above.
+    Other,
+}
+
+thread_local! {
+    /// Whether a panic of this thread becomes an exception, so that nothing is printed of it.
+    static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Keeps panics that become exceptions from printing.
+pub(crate) fn silence_guarded_panics() {
+    let print = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |info| {
+        if !IS_GUARDED.get() {
+            print(info);
+        }
+    }));
+}
+
+/// What a call computes. A panic within is an error, which `except Exception` catches.
+///
+/// *Errors*: those of `work`.
+pub(crate) fn caught<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<T> {
+    let before = IS_GUARDED.replace(true);
+    let outcome = catch_unwind(AssertUnwindSafe(work));
+    IS_GUARDED.set(before);
+    outcome.unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
+        Err(Panicked(text.to_owned()).into())
+    })
+}
+
+/// A panic of a library.
+#[derive(Debug)]
+struct Panicked(String);
+
+impl std::fmt::Display for Panicked {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "a defect of advsage: {}; please report it with the input", self.0)
+    }
+}
+
+impl std::error::Error for Panicked {}
+
+/// Works without Python's lock, so that other threads run meanwhile.
+///
+/// *Errors*: those of `work`, as exceptions.
+pub(crate) fn detached<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce() -> anyhow::Result<T> + Send,
+) -> PyResult<T> {
+    py.detach(|| caught(work)).map_err(|error| to_python(py, &error))
+}
+
+/// The exception of an error.
+pub(crate) fn to_python(py: Python<'_>, error: &anyhow::Error) -> PyErr {
+    let text = format!("{error:#}");
+    if error.is::<Panicked>() {
+        return InternalError::new_err(text);
+    }
+    if let Some(raised) = error.chain().find_map(|cause| cause.downcast_ref::<Raised>()) {
+        return raised.0.clone_ref(py);
+    }
+    let kind = error.chain().map(kind).find(|kind| !matches!(kind, Kind::Other)).unwrap_or(Kind::Other);
+    match kind {
+        Kind::Format => FormatError::new_err(text),
+        Kind::Scene => SceneError::new_err(text),
+        Kind::Unknown => UnknownName::new_err(text),
+        Kind::Planner => PlannerError::new_err(text),
+        Kind::File(path, cause) => {
+            let path = path.map(|path| path.display().to_string());
+            let code = cause.raw_os_error();
+            if cause.kind() == io::ErrorKind::NotFound {
+                // The code of POSIX, where an error has none of its own.
+                MissingFile::new_err((code.unwrap_or(2), text, path))
+            } else {
+                FileError::new_err((code, text, path))
+            }
+        }
+        // The other errors of the libraries are about arguments.
+        Kind::Option | Kind::Other => OptionError::new_err(text),
+    }
+}
+
+/// An exception that a library hands through.
+#[derive(Debug)]
+pub(crate) struct Raised(pub(crate) PyErr);
+
+impl std::fmt::Display for Raised {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl std::error::Error for Raised {}
+
+fn kind<'e>(cause: &'e (dyn std::error::Error + 'static)) -> Kind<'e> {
+    if let Some(error) = cause.downcast_ref() {
+        return of_data(error);
+    }
+    if let Some(error) = cause.downcast_ref() {
+        return of_core(error);
+    }
+    if let Some(error) = cause.downcast_ref() {
+        return of_network(error);
+    }
+    if let Some(error) = cause.downcast_ref() {
+        return of_merging(error);
+    }
+    if let Some(error) = cause.downcast_ref() {
+        return of_generator(error);
+    }
+    if let Some(error) = cause.downcast_ref() {
+        return of_simulation(error);
+    }
+    if let Some(error) = cause.downcast_ref() {
+        return match error {
+            sage_bench::Error::Unknown(_) => Kind::Unknown,
+            _ => Kind::Option,
+        };
+    }
+    cause.downcast_ref().map_or(Kind::Other, |error| Kind::File(None, error))
+}
+
+fn of_data(error: &sage_data::Error) -> Kind<'_> {
+    match error {
+        sage_data::Error::Read { path, source } | sage_data::Error::Write { path, source } => {
+            Kind::File(Some(path), source)
+        }
+        _ => Kind::Format,
+    }
+}
+
+fn of_core(error: &sage_core::Error) -> Kind<'_> {
+    use sage_core::Error;
+    match error {
+        Error::Scene { .. } | Error::ContactNow { .. } => Kind::Scene,
+        Error::Unknown { .. } => Kind::Unknown,
+        _ => Kind::Option,
+    }
+}
+
+fn of_network(error: &sage_backbones::Error) -> Kind<'_> {
+    use sage_backbones::Error;
+    match error {
+        Error::Core(error) => of_core(error),
+        Error::Agent { source, .. } => of_network(source),
+        Error::Io { path, source, .. } => Kind::File(Some(path), source),
+        Error::Weights { .. } | Error::Format { .. } | Error::NoNetwork { .. } => Kind::Format,
+        _ => Kind::Option,
+    }
+}
+
+fn of_merging(error: &sage_merging::Error) -> Kind<'_> {
+    match error {
+        sage_merging::Error::Network(error) => of_network(error),
+        sage_merging::Error::Expert { .. } => Kind::Unknown,
+        _ => Kind::Option,
+    }
+}
+
+fn of_generator(error: &sage_generators::Error) -> Kind<'_> {
+    use sage_generators::Error;
+    match error {
+        Error::Core(error) => of_core(error),
+        Error::Network(error) => of_network(error),
+        Error::Merging(error) => of_merging(error),
+        _ => Kind::Option,
+    }
+}
+
+fn of_simulation(error: &sage_sim::Error) -> Kind<'_> {
+    use sage_sim::Error;
+    match error {
+        Error::Core(error) => of_core(error),
+        Error::Planner { .. } => Kind::Planner,
+        _ => Kind::Scene,
+    }
+}

@@ -1,0 +1,58 @@
+//! What users name: the registries of the library, and drivers.
+
+use std::sync::{Arc, OnceLock};
+
+use anyhow::Result;
+use pyo3::{prelude::*, types::PyString};
+use sage_bench::{Registries, ego::Ego, part::PolicyPart};
+use sage_sim::policy::EgoPolicy;
+
+use crate::errors::{OptionError, detached};
+
+/// All parts of the library. They do not change, so all calls share them.
+///
+/// *Errors*: none; two parts of a kind have different names.
+pub(crate) fn registries() -> Result<&'static Registries> {
+    static ALL: OnceLock<Registries> = OnceLock::new();
+    match ALL.get() {
+        Some(all) => Ok(all),
+        None => {
+            let all = Registries::shipped()?;
+            Ok(ALL.get_or_init(|| all))
+        }
+    }
+}
+
+/// Who drives the ego.
+#[derive(Clone)]
+pub(crate) struct Driver {
+    /// Its name and options.
+    pub(crate) label: String,
+    pub(crate) policy: Arc<dyn EgoPolicy>,
+}
+
+impl Driver {
+    /// The driver that a user names.
+    ///
+    /// *Errors*: a name that nothing has, or options that the policy refuses.
+    pub(crate) fn of(py: Python<'_>, ego: &Bound<'_, PyAny>) -> PyResult<Self> {
+        if let Ok(name) = ego.cast::<PyString>() {
+            let name = name.to_str()?.to_owned();
+            return detached(py, || Self::named(&name));
+        }
+        Err(OptionError::new_err(format!("ego is {ego}; expected the name of a driver such as 'idm'")))
+    }
+
+    /// The same, or the driver of a name.
+    ///
+    /// *Errors*: as [`Driver::of`].
+    pub(crate) fn of_optional(py: Python<'_>, ego: Option<&Bound<'_, PyAny>>, name: &str) -> PyResult<Self> {
+        ego.map_or_else(|| detached(py, || Self::named(name)), |ego| Self::of(py, ego))
+    }
+
+    fn named(name: &str) -> Result<Self> {
+        let part: PolicyPart = name.parse().map_err(sage_bench::Error::Value)?;
+        let Ego { label, policy, .. } = Ego::new(&part, registries()?)?;
+        Ok(Self { label, policy: policy.into() })
+    }
+}

@@ -1,0 +1,414 @@
+//! Scenes: a recorded or procedural one with arrays of its tracks.
+
+use std::{path::PathBuf, sync::Arc};
+
+use pyo3::{
+    prelude::*,
+    types::{PyBytes, PyDict, PyList, PyType},
+};
+use sage_core::scene::{LightState, Scene, SceneData};
+use sage_data::{
+    ReadOptions, Recording, Source, VariantWriter, folder,
+    procedural::{self, Kind},
+};
+
+use crate::{
+    errors::{OptionError, UnknownName, detached},
+    made_once::MadeOnce,
+    values,
+};
+
+/// Where a scene comes from: what its file holds besides the scene.
+pub(crate) struct Origin {
+    path: PathBuf,
+    source: Arc<Source>,
+    options: ReadOptions,
+    /// How it was derived from that file, if it was.
+    provenance: Option<String>,
+}
+
+/// A recorded scene of traffic at 10 Hz.
+#[pyclass(frozen, module = "advsage", name = "Scene", weakref)]
+pub(crate) struct PyScene {
+    pub(crate) data: Arc<SceneData>,
+    pub(crate) origin: Arc<Origin>,
+    arrays: Arrays,
+}
+
+/// Arrays of a scene, each made at its first use.
+#[derive(Default)]
+struct Arrays {
+    positions: MadeOnce,
+    headings: MadeOnce,
+    velocities: MadeOnce,
+    sizes: MadeOnce,
+    valid: MadeOnce,
+    map_points: MadeOnce,
+}
+
+impl PyScene {
+    pub(crate) fn new(data: Arc<SceneData>, origin: Arc<Origin>) -> Self {
+        Self { data, origin, arrays: Arrays::default() }
+    }
+
+    /// A scene as it was read.
+    pub(crate) fn of_recording(recording: Recording, name: String, keep_source: bool) -> Self {
+        let Recording { path, scene, source, options } = recording;
+        let source = if keep_source { source } else { Source::Procedural };
+        let origin = Origin { path, source: Arc::new(source), options, provenance: None };
+        Self::new(Arc::new(SceneData::new(name, scene)), Arc::new(origin))
+    }
+
+    /// A scene derived from this one.
+    pub(crate) fn derived(&self, scene: Scene, provenance: String) -> Self {
+        let Origin { path, source, options, .. } = &*self.origin;
+        let origin = Origin {
+            path: path.clone(),
+            source: source.clone(),
+            options: *options,
+            provenance: Some(provenance),
+        };
+        let data = SceneData {
+            name: self.data.name.clone(),
+            scene: Arc::new(scene),
+            index: self.data.index.clone(),
+        };
+        Self::new(Arc::new(data), Arc::new(origin))
+    }
+
+    fn scene(&self) -> &Scene {
+        &self.data.scene
+    }
+
+    /// The scene with the other content of its file.
+    fn recording(&self) -> Recording {
+        let Origin { path, source, options, .. } = &*self.origin;
+        let scene = (*self.data.scene).clone();
+        Recording { path: path.clone(), scene, source: (**source).clone(), options: *options }
+    }
+
+    /// The bytes of a file of the scene.
+    pub(crate) fn bytes(&self, native: bool) -> anyhow::Result<Vec<u8>> {
+        let recording = self.recording();
+        let Some(provenance) = &self.origin.provenance else {
+            return Ok(if native { recording.to_native()? } else { recording.to_pickle()? });
+        };
+        let writer = VariantWriter::new(&recording)?;
+        let variant = writer.variant(&recording.scene, provenance)?;
+        Ok(if native { variant.to_native()? } else { variant.to_pickle() })
+    }
+
+    /// An array of all tracks with `width` numbers for each frame.
+    fn of_tracks<T: numpy::Element>(
+        &self,
+        py: Python<'_>,
+        shape: &[usize],
+        values: impl Iterator<Item = T>,
+    ) -> PyResult<Py<PyAny>> {
+        let scene = self.scene();
+        let shape: Vec<usize> = [&[scene.tracks.len(), scene.frames], shape].concat();
+        values::shared_array(py, values.collect(), &shape)
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// Identifier that the file gives.
+    #[getter]
+    fn id(&self) -> &str {
+        &self.scene().id
+    }
+
+    /// Name in results: that of the file without its ending.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.data.name
+    }
+
+    /// File that it was read from; for a procedural scene its id.
+    #[getter]
+    fn path(&self) -> String {
+        self.origin.path.display().to_string()
+    }
+
+    /// Number of frames, 0.1 s apart. Frame 10 is *now*.
+    #[getter]
+    fn frames(&self) -> usize {
+        self.scene().frames
+    }
+
+    /// Number of the car under test in `track_ids`.
+    #[getter]
+    fn ego(&self) -> usize {
+        self.scene().ego
+    }
+
+    /// Number of the adversary in `track_ids`; None without one.
+    #[getter]
+    fn adversary(&self) -> Option<usize> {
+        self.scene().adversary
+    }
+
+    /// Identifiers of the tracks.
+    #[getter]
+    fn track_ids(&self) -> Vec<&str> {
+        self.scene().tracks.iter().map(|track| &*track.id).collect()
+    }
+
+    /// Kinds of the tracks: "VEHICLE", "PEDESTRIAN", "CYCLIST", or another word of the file.
+    #[getter]
+    fn kinds(&self) -> Vec<&str> {
+        self.scene().tracks.iter().map(|track| track.kind.name()).collect()
+    }
+
+    /// Box centres, metres: array (tracks, frames, 3), read-only. Only frames that are `valid` count.
+    #[getter]
+    fn positions(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let all = self.scene().tracks.iter().flat_map(|track| track.position.iter().flatten().copied());
+        let make = || self.of_tracks(py, &[3], all);
+        self.arrays.positions.get(py, make)
+    }
+
+    /// Headings, radians: array (tracks, frames), read-only.
+    #[getter]
+    fn headings(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let make = || {
+            self.of_tracks(
+                py,
+                &[],
+                self.scene().tracks.iter().flat_map(|track| track.heading.iter().copied()),
+            )
+        };
+        self.arrays.headings.get(py, make)
+    }
+
+    /// Velocities, m/s: array (tracks, frames, 2), read-only.
+    #[getter]
+    fn velocities(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let all = self.scene().tracks.iter().flat_map(|track| track.velocity.iter().flatten().copied());
+        let make = || self.of_tracks(py, &[2], all);
+        self.arrays.velocities.get(py, make)
+    }
+
+    /// Length, width and height, metres: array (tracks, frames, 3), read-only.
+    #[getter]
+    fn sizes(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let all = self.scene().tracks.iter().flat_map(|track| track.size.iter().flatten().copied());
+        let make = || self.of_tracks(py, &[3], all);
+        self.arrays.sizes.get(py, make)
+    }
+
+    /// Whether a track was observed: array (tracks, frames) of bool, read-only.
+    #[getter]
+    fn valid(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let make = || {
+            self.of_tracks(py, &[], self.scene().tracks.iter().flat_map(|track| track.valid.iter().copied()))
+        };
+        self.arrays.valid.get(py, make)
+    }
+
+    /// Points of all map features, metres: array (points, 3), read-only.
+    #[getter]
+    fn map_points(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let points = &self.scene().map.points;
+        let make = || values::shared_array(py, points.as_flattened().to_vec(), &[points.len(), 3]);
+        self.arrays.map_points.get(py, make)
+    }
+
+    /// The map: a list of dictionaries with `id`, `type`, `points` (rows of `map_points`), and for lanes `speed_limit`
+    /// (m/s or None), `entries`, `exits`, `left`, `right` (ids).
+    #[getter]
+    fn map_features<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let map = &self.scene().map;
+        let points = self.map_points(py)?.into_bound(py);
+        let ids = |numbers: &mut dyn Iterator<Item = usize>| -> Vec<&str> {
+            numbers.filter_map(|k| Some(&*map.features.get(k)?.id)).collect()
+        };
+        let all = PyList::empty(py);
+        for feature in &map.features {
+            let dict = PyDict::new(py);
+            dict.set_item("id", &feature.id)?;
+            dict.set_item("type", feature.kind.name())?;
+            let range =
+                pyo3::types::PySlice::new(py, feature.points.start as isize, feature.points.end as isize, 1);
+            dict.set_item("points", points.get_item(range)?)?;
+            if let Some(lane) = &feature.lane {
+                dict.set_item("speed_limit", lane.speed_limit)?;
+                dict.set_item("entries", ids(&mut lane.entries.iter().copied()))?;
+                dict.set_item("exits", ids(&mut lane.exits.iter().copied()))?;
+                for (side, name) in ["left", "right"].into_iter().enumerate() {
+                    dict.set_item(name, ids(&mut lane.neighbors[side].iter().map(|n| n.lane)))?;
+                }
+            }
+            all.append(dict)?;
+        }
+        Ok(all)
+    }
+
+    /// Traffic lights: a list of dictionaries with `lane` (id), `stop_point` (three numbers or None) and `states`, a word for
+    /// each frame: "red", "yellow", "green", "flashing red" or "unknown".
+    #[getter]
+    fn lights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let all = PyList::empty(py);
+        for light in &self.scene().lights {
+            let dict = PyDict::new(py);
+            dict.set_item("lane", &light.lane)?;
+            dict.set_item("stop_point", light.stop_point.map(|point| point.to_vec()))?;
+            dict.set_item("states", light.states.iter().map(|state| state_name(*state)).collect::<Vec<_>>())?;
+            all.append(dict)?;
+        }
+        Ok(all)
+    }
+
+    /// What the reader corrected or noticed, a line each.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.scene().notes.clone()
+    }
+
+    /// The scene with another ego or adversary, by track ids.
+    #[pyo3(signature = (*, ego=None, adversary=None))]
+    fn with_roles(&self, py: Python<'_>, ego: Option<String>, adversary: Option<String>) -> PyResult<Self> {
+        detached(py, || {
+            let scene = self.scene().clone().with_roles(ego.as_deref(), adversary.as_deref())?;
+            let data = SceneData {
+                name: self.data.name.clone(),
+                scene: Arc::new(scene),
+                index: self.data.index.clone(),
+            };
+            Ok(Self::new(Arc::new(data), self.origin.clone()))
+        })
+    }
+
+    /// Writes the scene: a native file if the name ends in `.safetensors`, else a MetaDrive pickle. Replaces a file.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        detached(py, || {
+            let native = path.extension().is_some_and(|ending| ending == "safetensors");
+            let bytes = self.bytes(native)?;
+            sage_core::files::write(&path, &bytes, sage_core::files::Existing::Replace)
+                .map_err(|source| sage_data::Error::Write { path: path.clone(), source })?;
+            Ok(())
+        })
+    }
+
+    fn __repr__(&self) -> String {
+        let scene = self.scene();
+        let adversary = scene.adversary.map_or("None".to_owned(), |k| format!("'{}'", scene.tracks[k].id));
+        format!(
+            "<Scene '{}': {} tracks, {} frames, ego '{}', adversary {adversary}>",
+            self.data.name,
+            scene.tracks.len(),
+            scene.frames,
+            scene.ego().id
+        )
+    }
+
+    /// Scenes do not change, so a copy shares all content.
+    fn __copy__(&self) -> Self {
+        Self::new(self.data.clone(), self.origin.clone())
+    }
+
+    fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> Self {
+        self.__copy__()
+    }
+
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>, String, String))> {
+        let bytes = detached(py, || self.bytes(true))?;
+        let rebuild = py.get_type::<Self>().getattr("_from_bytes")?;
+        Ok((rebuild, (PyBytes::new(py, &bytes), self.path(), self.data.name.clone())))
+    }
+
+    #[classmethod]
+    fn _from_bytes(
+        _class: &Bound<'_, PyType>,
+        py: Python<'_>,
+        bytes: Vec<u8>,
+        path: PathBuf,
+        name: String,
+    ) -> PyResult<Self> {
+        detached(py, || Ok(Self::of_recording(Recording::from_bytes(&path, bytes)?, name, true)))
+    }
+}
+
+fn state_name(state: LightState) -> &'static str {
+    match state {
+        LightState::Unknown => "unknown",
+        LightState::Stop => "red",
+        LightState::Caution => "yellow",
+        LightState::Go => "green",
+        LightState::FlashingStop => "flashing red",
+    }
+}
+
+/// How files are read.
+#[derive(Clone, Copy)]
+pub(crate) struct Reading {
+    pub(crate) options: ReadOptions,
+    pub(crate) keep_source: bool,
+}
+
+impl Reading {
+    /// Reads a scene file or a record.
+    ///
+    /// *Errors*: as [`Recording::read`].
+    pub(crate) fn read(self, path: &std::path::Path) -> anyhow::Result<PyScene> {
+        let recording = Recording::read_as(path, &self.options)?;
+        let name = folder::scene_name(path)? + &self.options.suffix();
+        Ok(PyScene::of_recording(recording, name, self.keep_source))
+    }
+}
+
+/// Reads a scene file of any format: a MetaDrive or ScenarioNet pickle, a native file, or a record of a TFRecord file of the
+/// Waymo Open Motion Dataset (`FILE#3`).
+#[pyfunction]
+#[pyo3(signature = (path, *, ego=None, adversary=None, now=None, resample=false, trust_positions=false, strict=false, keep_source=true))]
+#[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
+pub(crate) fn load(
+    py: Python<'_>,
+    path: PathBuf,
+    ego: Option<String>,
+    adversary: Option<String>,
+    now: Option<usize>,
+    resample: bool,
+    trust_positions: bool,
+    strict: bool,
+    keep_source: bool,
+) -> PyResult<PyScene> {
+    let reading = Reading { options: ReadOptions { now, resample, trust_positions, strict }, keep_source };
+    detached(py, || {
+        if path.is_dir() {
+            let problem =
+                format!("`{}` is a folder; load_folder reads the scenes of a folder", path.display());
+            return Err(sage_bench::Error::Value(problem).into());
+        }
+        let scene = reading.read(&path)?;
+        if ego.is_none() && adversary.is_none() {
+            return Ok(scene);
+        }
+        let (data, origin) = (&scene.data, scene.origin.clone());
+        let changed = (*data.scene).clone().with_roles(ego.as_deref(), adversary.as_deref())?;
+        let data = SceneData { name: data.name.clone(), scene: Arc::new(changed), index: data.index.clone() };
+        Ok(PyScene::new(Arc::new(data), origin))
+    })
+}
+
+/// A procedural scene: no recording, no licence.
+#[pyfunction]
+#[pyo3(signature = (kind, seed=0, number=0))]
+pub(crate) fn make(py: Python<'_>, kind: &str, seed: u64, number: u64) -> PyResult<PyScene> {
+    let found = Kind::from_name(kind).ok_or_else(|| {
+        let known = Kind::ALL.map(Kind::name).join(", ");
+        UnknownName::new_err(format!("unknown kind of scene `{kind}`; known: {known}"))
+    })?;
+    let scene = py.detach(|| procedural::generate(found, seed, number));
+    let scene = scene.ok_or_else(|| {
+        OptionError::new_err(format!(
+            "there is no scene `{kind}` of seed {seed} and number {number}; take another number"
+        ))
+    })?;
+    let name = scene.id.clone();
+    Ok(PyScene::of_recording(Recording::procedural(scene), name, true))
+}

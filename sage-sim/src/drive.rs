@@ -10,7 +10,7 @@ use sage_core::{
 use crate::{
     Error,
     body::{Body, BodyKind, BodyShape},
-    observation::{Driving, LENGTH, ObservationKind, observe},
+    observation::{Driving, ObservationKind, Observed},
     policy::{ControlledVehicle, Driver, EgoPolicy, Knowledge, Shown, Start, View},
     route::{Localization, Route},
     scene::{LAST_FRAME, SimScene, guide},
@@ -139,8 +139,7 @@ impl Simulation {
     /// *Errors*: as [`Driver::control`] and [`World::step`].
     pub fn step(&mut self) -> Result<(), Error> {
         let world = &self.world;
-        let (driving, kind) = (&self.driving, self.observation);
-        let see = |out: &mut [f32; LENGTH]| observe(world, driving, kind, out);
+        let observed = Observed { driving: &self.driving, kind: self.observation };
         let scene = world.scene();
         let vehicle = ControlledVehicle {
             track: scene.scene().ego,
@@ -150,7 +149,8 @@ impl Simulation {
             ground: world.level(),
             others: world.bodies(),
         };
-        let control = self.ego.driver.control(&View::new(world, vehicle, self.ego.knowledge, Some(&see)))?;
+        let control =
+            self.ego.driver.control(&View::new(world, vehicle, self.ego.knowledge, Some(observed)))?;
         self.shown = self.ego.driver.shown();
         let mut theirs = None;
         if let (Some((driver, [route, log])), Some((motion, body))) =

@@ -23,7 +23,7 @@ pub use rules::{Outcome, Situation, assess};
 
 use crate::{
     Error,
-    observation::{Driving, LENGTH, observe},
+    observation::{Driving, LENGTH, Observed, observe},
     route::{Coordinates, Localization},
     scene::SimScene,
     traffic::Plan,
@@ -130,6 +130,11 @@ impl Environment {
     /// Writes the observation.
     pub fn observe(&self, out: &mut [f32; LENGTH]) {
         observe(&self.world, &self.driving, self.options.observation, out);
+    }
+
+    /// What the observation is of, besides the world.
+    pub fn observed(&self) -> Observed<'_> {
+        Observed { driving: &self.driving, kind: self.options.observation }
     }
 
     /// The world.

@@ -61,6 +61,43 @@ pub enum ObservationKind {
     MetaDrive,
 }
 
+/// What an observation is of, besides the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Observed<'a> {
+    /// The drive so far.
+    pub driving: &'a Driving,
+    /// Which numbers.
+    pub kind: ObservationKind,
+}
+
+impl Observed<'_> {
+    /// The numbers.
+    pub fn numbers(self, world: &World) -> Box<[f32; LENGTH]> {
+        let mut numbers = Box::new([0.0; LENGTH]);
+        observe(world, self.driving, self.kind, &mut numbers);
+        numbers
+    }
+}
+
+/// An observation that is computed when it is asked for.
+pub struct LaterObservation {
+    world: World,
+    driving: Driving,
+    kind: ObservationKind,
+}
+
+impl LaterObservation {
+    /// The observation of a world.
+    pub(crate) fn new(world: World, Observed { driving, kind }: Observed) -> Self {
+        Self { world, driving: *driving, kind }
+    }
+
+    /// The numbers.
+    pub fn numbers(&self) -> Box<[f32; LENGTH]> {
+        Observed { driving: &self.driving, kind: self.kind }.numbers(&self.world)
+    }
+}
+
 /// What each number of the corrected observation is; a policy's file states them.
 pub fn names() -> Vec<String> {
     let vehicle = ["forward", "left", "relative speed forward", "relative speed left"];

@@ -16,6 +16,7 @@ mod lane_change;
 mod path;
 mod pdm;
 mod pid;
+pub mod planner;
 #[cfg(unix)]
 mod process;
 mod r157;
@@ -50,7 +51,7 @@ pub use tracking::Tracking;
 use crate::{
     Error,
     body::Body,
-    observation::LENGTH,
+    observation::{LENGTH, LaterObservation, Observed},
     route::{Localization, Route},
     route_lights::{self, RouteLights},
     scene::SimScene,
@@ -221,9 +222,6 @@ pub trait Driver: Send {
     fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error>;
 }
 
-/// Writes an observation.
-pub type Observe<'a> = dyn Fn(&mut [f32; LENGTH]) + 'a;
-
 /// What a driver sees before a step.
 pub struct View<'a> {
     world: &'a World,
@@ -235,7 +233,7 @@ pub struct View<'a> {
     others: &'a [Body],
     knowledge: Knowledge,
     track: usize,
-    observe: Option<&'a Observe<'a>>,
+    observed: Option<Observed<'a>>,
     observation: OnceCell<Box<[f32; LENGTH]>>,
 }
 
@@ -256,12 +254,12 @@ pub struct ControlledVehicle<'a> {
 }
 
 impl<'a> View<'a> {
-    /// The view of the driver of a vehicle. `observe` writes the observation on demand, if there is one.
+    /// The view of the driver of a vehicle. `observed` is what its observation is of, if there is one.
     pub fn new(
         world: &'a World,
         vehicle: ControlledVehicle<'a>,
         knowledge: Knowledge,
-        observe: Option<&'a Observe<'a>>,
+        observed: Option<Observed<'a>>,
     ) -> Self {
         let ControlledVehicle { track, routes: [route, logged_route], motion, area, ground, others } =
             vehicle;
@@ -276,7 +274,7 @@ impl<'a> View<'a> {
             others,
             knowledge,
             track,
-            observe,
+            observed,
             observation,
         }
     }
@@ -352,19 +350,20 @@ impl<'a> View<'a> {
     }
 
     /// The scene, prepared for simulation: lines, speed limits.
-    pub(crate) fn scene(&self) -> &SimScene {
+    pub(crate) fn scene(&self) -> &Arc<SimScene> {
         self.world.scene()
     }
 
     /// The observation of a learning driver ([`crate::observation`]); computed on first use. `None` for a
     /// policy that drives the adversary.
     pub fn observation(&self) -> Option<&[f32; LENGTH]> {
-        let observe = self.observe?;
-        Some(self.observation.get_or_init(|| {
-            let mut numbers = Box::new([0.0; LENGTH]);
-            observe(&mut numbers);
-            numbers
-        }))
+        let observed = self.observed?;
+        Some(self.observation.get_or_init(|| observed.numbers(self.world)))
+    }
+
+    /// The same, to be computed later or never: a copy of the world as it is now.
+    pub fn later_observation(&self) -> Option<LaterObservation> {
+        Some(LaterObservation::new(self.world.clone(), self.observed?))
     }
 
     /// Index of the own track in [`View::recording`].

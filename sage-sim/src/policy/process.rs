@@ -4,8 +4,7 @@
 //! run, and told the scene before each drive. A program that dies, hangs or answers nonsense fails its drive
 //! ([`Error::Planner`]); the next drive gets a new one.
 
-mod answer;
-mod follow;
+mod lines;
 mod log;
 mod messages;
 mod program;
@@ -19,10 +18,12 @@ use std::{
 use sage_core::{geometry::Point, registry::Entry};
 use serde::{Deserialize, Serialize};
 
-use super::{Driver, EgoPolicy, Shown, Start, View};
+use super::{
+    Driver, EgoPolicy, Shown, Start, View,
+    planner::{AGENTS, Answer, Follower, RADIUS, ToldScene, ToldStep},
+};
 use crate::{Error, error::PlannerLog, world::Control};
-use answer::{Answer, Greeting};
-use follow::{Followed, Memory};
+use lines::Greeting;
 use log::{LARGEST, Log};
 pub use program::kill_all as kill_programs;
 use program::{FAREWELL, Program};
@@ -48,7 +49,7 @@ pub struct ProcessOptions {
 
 impl Default for ProcessOptions {
     fn default() -> Self {
-        Self { command: Vec::new(), timeouts: [60.0, 20.0, 5.0], radius: 50.0, agents: 64 }
+        Self { command: Vec::new(), timeouts: [60.0, 20.0, 5.0], radius: RADIUS, agents: AGENTS }
     }
 }
 
@@ -114,8 +115,7 @@ impl EgoPolicy for Process {
             planner: Some(planner),
             seed: start.seed(),
             is_reset: false,
-            plan: None,
-            memory: Memory::default(),
+            follower: Follower::default(),
             logged: first_byte,
             shown: None,
         }))
@@ -189,7 +189,7 @@ impl Shared {
             };
             format!("does not start: {error}{hint}")
         })?;
-        let greeting = asked(&mut program, &messages::hello(), self.limits[0], answer::greeting)
+        let greeting = asked(&mut program, &messages::hello(), self.limits[0], lines::greeting)
             .map_err(|problem| format!("failed at its start: {problem}"))?;
         Ok((program, greeting))
     }
@@ -217,8 +217,7 @@ struct ProcessDriver {
     first_byte: u64,
     seed: u64,
     is_reset: bool,
-    plan: Option<Followed>,
-    memory: Memory,
+    follower: Follower,
     /// Length of the log after the step before, bytes.
     logged: u64,
     shown: Option<Shown>,
@@ -226,18 +225,12 @@ struct ProcessDriver {
 
 impl Driver for ProcessDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        if let Some(plan) = self.plan.as_mut().filter(|plan| plan.is_kept()) {
-            return Ok(Control::Drive(plan.next(view, &mut self.memory)));
+        if let Some(action) = self.follower.kept(view) {
+            return Ok(Control::Drive(action));
         }
         match self.answer(view) {
-            Ok(Answer::Control(action)) => {
-                self.show(view.step(), Vec::new());
-                Ok(Control::Drive(action))
-            }
-            Ok(Answer::Plan { poses, again }) => {
-                let plan = self.plan.insert(Followed::new(view, &poses, again));
-                let action = plan.next(view, &mut self.memory);
-                let positions = plan.centers().to_vec();
+            Ok(answer) => {
+                let (action, positions) = self.follower.follow(view, answer);
                 self.show(view.step(), positions);
                 Ok(Control::Drive(action))
             }
@@ -265,19 +258,20 @@ impl ProcessDriver {
         let [_, reset, step] = self.shared.limits;
         let planner = self.planner.as_mut().ok_or("it failed before")?;
         if !self.is_reset {
-            let message = messages::reset(view, self.seed, self.shared.radius);
-            asked(&mut planner.program, &message, reset, answer::ready)?;
+            let told = ToldScene::new(view, self.seed, self.shared.radius);
+            asked(&mut planner.program, &messages::line("reset", &told), reset, lines::ready)?;
             self.is_reset = true;
         }
         let observation = match (planner.wants_observation, view.observation()) {
-            (true, Some(numbers)) => Some(&numbers[..]),
+            (true, Some(numbers)) => Some(numbers),
             (true, None) => {
                 return Err("it asks for the observation, which an adversary does not have".to_owned());
             }
             (false, _) => None,
         };
-        let message = messages::step(view, self.shared.agents, observation);
-        let answer = asked(&mut planner.program, &message, step, |line| answer::step(line, view.car()))?;
+        let told = ToldStep::new(view, self.shared.agents);
+        let message = messages::line("step", &told.message(view.scene().scene(), observation));
+        let answer = asked(&mut planner.program, &message, step, |line| lines::step(line, view.car()))?;
         if planner.log.length() > self.first_byte.saturating_add(LARGEST) {
             return Err(format!(
                 "it wrote more than {} MiB to its standard error in one drive",

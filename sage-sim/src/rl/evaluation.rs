@@ -12,7 +12,6 @@ use crate::{
     drive::{Drive, OffRoad, found},
     environment::{Environment, EnvironmentOptions, Outcome},
     fault::classify,
-    observation::LENGTH,
     policy::{ControlledVehicle, EgoPolicy, Start, View},
     scene::SimScene,
     traffic::Plan,
@@ -88,7 +87,6 @@ pub fn drive_episode(
     while !environment.is_over() {
         let control = {
             let world = environment.world();
-            let see = |out: &mut [f32; LENGTH]| environment.observe(out);
             let vehicle = ControlledVehicle {
                 track,
                 routes: [scene.guide(), scene.route()],
@@ -97,7 +95,7 @@ pub fn drive_episode(
                 ground: world.level(),
                 others: world.bodies(),
             };
-            driver.control(&View::new(world, vehicle, knowledge, Some(&see)))?
+            driver.control(&View::new(world, vehicle, knowledge, Some(environment.observed())))?
         };
         let outcome = environment.step_with(control)?;
         drive.motions.push(*environment.world().motion());

@@ -19,6 +19,8 @@ use rustix::{
     process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid},
 };
 
+use crate::policy::planner::shortened;
+
 /// Longest line that a program may answer, bytes.
 pub(super) const LONGEST_LINE: usize = 1 << 20;
 /// Bytes read at once.
@@ -254,13 +256,4 @@ impl Drop for Program {
 struct Ready {
     output: bool,
     input: bool,
-}
-
-/// The beginning of a text as one printable line.
-pub(super) fn shortened(bytes: &[u8]) -> String {
-    const LONGEST: usize = 120;
-    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * LONGEST)]);
-    let line = text.lines().next().unwrap_or_default();
-    let shown: String = line.chars().map(|c| if c.is_control() { '?' } else { c }).take(LONGEST).collect();
-    if shown.len() < line.len() || bytes.len() > 4 * LONGEST { format!("{shown}…") } else { shown }
 }

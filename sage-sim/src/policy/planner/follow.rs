@@ -7,7 +7,7 @@ use sage_core::{
     motion::DT,
 };
 
-use super::answer::PlannedPose;
+use super::answer::{Answer, PlannedPose};
 use crate::{
     policy::{
         View,
@@ -19,8 +19,40 @@ use crate::{
 /// Distance of two positions below which they give no heading, metres.
 const SHORTEST: f64 = 0.01;
 
+/// Turns the answers of a planner into actions. A plan is followed until the planner is to be asked again.
+#[derive(Default)]
+pub struct Follower {
+    plan: Option<Followed>,
+    memory: Memory,
+}
+
+impl Follower {
+    /// Whether the planner is asked at the next step.
+    pub fn asks(&self) -> bool {
+        self.plan.as_ref().is_none_or(|plan| !plan.is_kept())
+    }
+
+    /// The action of a step at which the planner is not asked; `None` if it is.
+    pub fn kept(&mut self, view: &View) -> Option<Action> {
+        let plan = self.plan.as_mut().filter(|plan| plan.is_kept())?;
+        Some(plan.next(view, &mut self.memory))
+    }
+
+    /// The action of a step at which the planner answers, and the positions of its plan in the world, the present one first;
+    /// none for a control.
+    pub fn follow(&mut self, view: &View, answer: Answer) -> (Action, Vec<Point>) {
+        match answer {
+            Answer::Control(action) => (action, Vec::new()),
+            Answer::Plan { poses, again } => {
+                let plan = self.plan.insert(Followed::new(view, &poses, again));
+                (plan.next(view, &mut self.memory), plan.centers.clone())
+            }
+        }
+    }
+}
+
 /// A plan that is followed.
-pub(super) struct Followed {
+struct Followed {
     /// Where the rear axle should be at each step since the plan was made.
     references: Vec<Reference>,
     /// Where the centre should be.
@@ -33,7 +65,7 @@ pub(super) struct Followed {
 
 /// What a car remembers from step to step while it follows plans.
 #[derive(Default)]
-pub(super) struct Memory {
+struct Memory {
     /// Angle of the front wheels, rad.
     steering: f64,
     /// Speed at the step before, m/s.
@@ -42,25 +74,20 @@ pub(super) struct Memory {
 
 impl Followed {
     /// A plan that begins at the present pose.
-    pub(super) fn new(view: &View, poses: &[PlannedPose], again: usize) -> Self {
+    fn new(view: &View, poses: &[PlannedPose], again: usize) -> Self {
         let motion = view.motion();
         let centers = centers(motion.position, motion.heading, poses);
         let references = references(&centers, motion.heading, view.car().rear, poses);
         Self { references, centers, step: 0, again }
     }
 
-    /// Positions of the plan in the world, the present one first.
-    pub(super) fn centers(&self) -> &[Point] {
-        &self.centers
-    }
-
     /// Whether the planner need not be asked.
-    pub(super) fn is_kept(&self) -> bool {
+    fn is_kept(&self) -> bool {
         self.step < self.again
     }
 
     /// The command of the next step.
-    pub(super) fn next(&mut self, view: &View, memory: &mut Memory) -> Action {
+    fn next(&mut self, view: &View, memory: &mut Memory) -> Action {
         let car = view.car();
         let bicycle = Bicycle { wheelbase: car.front + car.rear, max_steering: car.max_steering };
         let state = memory.state(view);

@@ -1,0 +1,74 @@
+//! What a planner's program answers: one line of JSON for each message. Fields that are not known are ignored.
+
+use serde_json::{Map, Value};
+
+use super::messages::PROTOCOL;
+use crate::{
+    policy::planner::{Answer, EXPECTED, error_of, shortened},
+    vehicle::Vehicle,
+};
+
+/// What a planner says of itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Greeting {
+    /// Whether it wants the numbers that learning drivers see.
+    pub(super) wants_observation: bool,
+}
+
+/// The object of a line.
+fn object(line: &[u8], expected: &str) -> Result<Map<String, Value>, String> {
+    let shown = shortened(line);
+    let value: Value = serde_json::from_slice(line)
+        .map_err(|error| format!("it answered `{shown}`, which is no JSON ({error}); expected {expected}"))?;
+    let Value::Object(object) = value else {
+        return Err(format!("it answered `{shown}`; expected {expected}"));
+    };
+    match error_of(&object) {
+        Some(error) => Err(error),
+        None => Ok(object),
+    }
+}
+
+/// The answer to `hello`.
+pub(super) fn greeting(line: &[u8]) -> Result<Greeting, String> {
+    let expected = format!("{{\"hello\": {PROTOCOL}}}");
+    let object = object(line, &expected)?;
+    match object.get("hello").map(|version| (version, version.as_u64())) {
+        Some((_, Some(PROTOCOL))) => {}
+        Some((version, _)) => {
+            return Err(format!(
+                "it speaks version {} of the protocol; this program speaks version {PROTOCOL}",
+                shortened(version.to_string().as_bytes())
+            ));
+        }
+        None => {
+            return Err(format!("it answered `{}` without `hello`; expected {expected}", shortened(line)));
+        }
+    }
+    let wants_observation = match object.get("observation") {
+        None | Some(Value::Bool(false)) => false,
+        Some(Value::Bool(true)) => true,
+        Some(other) => {
+            return Err(format!(
+                "`observation` is {}; expected true or false",
+                shortened(other.to_string().as_bytes())
+            ));
+        }
+    };
+    Ok(Greeting { wants_observation })
+}
+
+/// The answer to `reset`.
+pub(super) fn ready(line: &[u8]) -> Result<(), String> {
+    const EXPECTED: &str = "{\"ready\": true}";
+    let object = object(line, EXPECTED)?;
+    if object.get("ready") == Some(&Value::Bool(true)) {
+        return Ok(());
+    }
+    Err(format!("it answered `{}` to `reset`; expected {EXPECTED}", shortened(line)))
+}
+
+/// The answer to `step`, of the driver of a car.
+pub(super) fn step(line: &[u8], car: &Vehicle) -> Result<Answer, String> {
+    Answer::of_object(&object(line, EXPECTED)?, car, &shortened(line))
+}

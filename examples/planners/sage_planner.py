@@ -203,7 +203,6 @@ class Observation:
         rows = [[a.x, a.y, a.heading, a.vx, a.vy, a.length, a.width] for a in self.agents]
         return rows if numpy is None else numpy.array(rows, dtype=float).reshape(-1, 7)
 
-    @property
     def vector(self):
         """The 101 numbers that learning drivers see; ask for them with `serve(planner, observation=True)`."""
         numbers = self.fields["observation"]
@@ -270,7 +269,7 @@ def from_gym(model):
 
     class Gym:
         def act(self, obs):
-            action = model.predict(obs.vector, deterministic=True)
+            action = model.predict(obs.vector(), deterministic=True)
             return action[0] if isinstance(action, tuple) else action
 
     return Gym()

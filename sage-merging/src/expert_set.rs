@@ -52,6 +52,12 @@ impl ExpertFile {
     /// Note in the header: [`Tunes`] of the expert; without it, [`Tunes::Scores`].
     pub const TUNES: &str = "tunes";
 
+    /// What the file of an expert of a prior holds: the tensors that fine-tuning may change. The others are the prior's.
+    pub fn content(prior: &dyn Backbone, expert: &Parameters, tunes: Tunes) -> Parameters {
+        let tuned = expert.iter().filter(|(name, _)| is_tuned(prior, name, tunes));
+        tuned.map(|(name, tensor)| (name.to_owned(), tensor.clone())).collect()
+    }
+
     /// What was tuned.
     ///
     /// *Errors*: a note that names nothing known.
@@ -187,7 +193,14 @@ impl ExpertSet {
             if file.tunes()? == Tunes::All {
                 tunes = Tunes::All;
             }
-            let parameters = file.checked(&hash, prior.options())?;
+            let own_tunes = file.tunes()?;
+            let mut parameters = file.checked(&hash, prior.options())?;
+            // A file need not repeat what is the prior's.
+            for (name, tensor) in prior.parameters().iter() {
+                if parameters.get(name).is_none() && !is_tuned(&*prior, name, own_tunes) {
+                    parameters.insert(name, tensor.clone());
+                }
+            }
             Ok((name, parameters))
         });
         let experts = checked.collect::<Result<Vec<_>, Error>>()?;
@@ -343,6 +356,12 @@ fn numbers(tensor: &Tensor) -> Result<Vec<f32>, Error> {
     Ok(tensor.flatten_all()?.to_vec1()?)
 }
 
+/// Whether fine-tuning may change a tensor.
+fn is_tuned(prior: &dyn Backbone, tensor: &str, tunes: Tunes) -> bool {
+    let group = prior.parameter_group(tensor);
+    group.is_finetuned() || tunes == Tunes::All && group == ParameterGroup::Prior
+}
+
 /// Problems of an expert tuned from another prior: tensors that differ from the prior's although
 /// fine-tuning does not change them.
 fn differences_from_prior(
@@ -353,9 +372,7 @@ fn differences_from_prior(
     let mut problems = Vec::new();
     for (name, own) in expert.iter() {
         let Some(base) = prior.parameters().get(name) else { continue };
-        let group = prior.parameter_group(name);
-        let is_tuned = group.is_finetuned() || tunes == Tunes::All && group == ParameterGroup::Prior;
-        if !is_tuned && numbers(own)? != numbers(base)? {
+        if !is_tuned(prior, name, tunes) && numbers(own)? != numbers(base)? {
             problems.push(format!("tensor `{name}` differs from the prior's: it was tuned from another one"));
         }
     }

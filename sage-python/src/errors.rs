@@ -7,7 +7,9 @@ use std::{
     path::Path,
 };
 
-use pyo3::{import_exception, prelude::*};
+use pyo3::{exceptions::PyException, import_exception, prelude::*};
+
+use crate::planner::take_raised;
 
 import_exception!(advsage.errors, FormatError);
 import_exception!(advsage.errors, SceneError);
@@ -87,15 +89,19 @@ pub(crate) fn to_python(py: Python<'_>, error: &anyhow::Error) -> PyErr {
     if error.is::<Panicked>() {
         return InternalError::new_err(text);
     }
-    if let Some(raised) = error.chain().find_map(|cause| cause.downcast_ref::<Raised>()) {
-        return raised.0.clone_ref(py);
-    }
     let kind = error.chain().map(kind).find(|kind| !matches!(kind, Kind::Other)).unwrap_or(Kind::Other);
     match kind {
         Kind::Format => FormatError::new_err(text),
         Kind::Scene => SceneError::new_err(text),
         Kind::Unknown => UnknownName::new_err(text),
-        Kind::Planner => PlannerError::new_err(text),
+        Kind::Planner => match take_raised() {
+            Some(raised) if !raised.is_instance_of::<PyException>(py) => raised,
+            raised => {
+                let error = PlannerError::new_err(text);
+                error.set_cause(py, raised);
+                error
+            }
+        },
         Kind::File(path, cause) => {
             let path = path.map(|path| path.display().to_string());
             let code = cause.raw_os_error();
@@ -110,18 +116,6 @@ pub(crate) fn to_python(py: Python<'_>, error: &anyhow::Error) -> PyErr {
         Kind::Option | Kind::Other => OptionError::new_err(text),
     }
 }
-
-/// An exception that a library hands through.
-#[derive(Debug)]
-pub(crate) struct Raised(pub(crate) PyErr);
-
-impl std::fmt::Display for Raised {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        self.0.fmt(f)
-    }
-}
-
-impl std::error::Error for Raised {}
 
 fn kind<'e>(cause: &'e (dyn std::error::Error + 'static)) -> Kind<'e> {
     if let Some(error) = cause.downcast_ref() {

@@ -7,7 +7,9 @@ mod attack;
 mod errors;
 mod generator;
 mod made_once;
+mod observation;
 mod parts;
+mod planner;
 mod scene;
 mod scoring;
 mod values;
@@ -23,6 +25,8 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<scene::PyScene>()?;
     module.add_class::<generator::PyGenerator>()?;
     module.add_class::<attack::PyAttack>()?;
+    module.add_class::<observation::PyToldScene>()?;
+    module.add_class::<observation::PyStep>()?;
     module.add_function(wrap_pyfunction!(scene::load, module)?)?;
     module.add_function(wrap_pyfunction!(scene::make, module)?)?;
     module.add_function(wrap_pyfunction!(scoring::score, module)?)?;

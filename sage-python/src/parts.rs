@@ -7,7 +7,10 @@ use pyo3::{prelude::*, types::PyString};
 use sage_bench::{Registries, ego::Ego, part::PolicyPart};
 use sage_sim::policy::EgoPolicy;
 
-use crate::errors::{OptionError, detached};
+use crate::{
+    errors::{OptionError, detached},
+    planner::{self, PythonPlanner},
+};
 
 /// All parts of the library. They do not change, so all calls share them.
 ///
@@ -17,7 +20,7 @@ pub(crate) fn registries() -> Result<&'static Registries> {
     match ALL.get() {
         Some(all) => Ok(all),
         None => {
-            let all = Registries::shipped()?;
+            let all = Registries::of_attacks()?;
             Ok(ALL.get_or_init(|| all))
         }
     }
@@ -29,7 +32,12 @@ pub(crate) struct Driver {
     /// Its name and options.
     pub(crate) label: String,
     pub(crate) policy: Arc<dyn EgoPolicy>,
+    /// Whether it is called in Python, and so on the caller's thread alone.
+    pub(crate) is_python: bool,
 }
+
+/// Beginning of the name of a planner that is imported.
+const IMPORTED: &str = "py:";
 
 impl Driver {
     /// The driver that a user names.
@@ -38,9 +46,26 @@ impl Driver {
     pub(crate) fn of(py: Python<'_>, ego: &Bound<'_, PyAny>) -> PyResult<Self> {
         if let Ok(name) = ego.cast::<PyString>() {
             let name = name.to_str()?.to_owned();
-            return detached(py, || Self::named(&name));
+            return match name.strip_prefix(IMPORTED) {
+                Some(class) => Self::planner(&planner::imported(py, class)?),
+                None => detached(py, || Self::named(&name)),
+            };
         }
-        Err(OptionError::new_err(format!("ego is {ego}; expected the name of a driver such as 'idm'")))
+        Self::planner(ego)
+    }
+
+    /// The driver of an object with a method `act`.
+    fn planner(object: &Bound<'_, PyAny>) -> PyResult<Self> {
+        if !object.getattr_opt("act")?.is_some_and(|act| act.is_callable()) {
+            return Err(OptionError::new_err(format!(
+                "ego is {}, which has no method `act`; expected the name of a driver such as 'idm', 'py:package.module:Class', or an \
+                 object with `act(obs)`",
+                object.repr()?
+            )));
+        }
+        let policy = PythonPlanner::new(object)?;
+        let label = policy.name().to_owned();
+        Ok(Self { label, policy: Arc::new(policy), is_python: true })
     }
 
     /// The same, or the driver of a name.
@@ -53,6 +78,6 @@ impl Driver {
     fn named(name: &str) -> Result<Self> {
         let part: PolicyPart = name.parse().map_err(sage_bench::Error::Value)?;
         let Ego { label, policy, .. } = Ego::new(&part, registries()?)?;
-        Ok(Self { label, policy: policy.into() })
+        Ok(Self { label, policy: policy.into(), is_python: false })
     }
 }

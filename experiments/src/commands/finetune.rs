@@ -246,7 +246,8 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         if options.tunes == Tunes::All {
             header.notes.insert(ExpertFile::TUNES.to_owned(), "all".to_owned());
         }
-        weights.save(&header, &folder.path().join(format!("{name}.safetensors")))?;
+        let content = ExpertFile::content(prior, &weights, options.tunes);
+        content.save(&header, &folder.path().join(format!("{name}.safetensors")))?;
         let set = ExpertSet::tuned(shared.clone(), vec![(name.clone(), weights.clone())], options.tunes)?;
         let tuned = set.model(weights)?;
         for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {

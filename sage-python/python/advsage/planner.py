@@ -1,0 +1,142 @@
+"""What a planner in the ego's seat sees.
+
+A planner has `act(obs)`, and may have `reset(scene, seed)`, which is called before each drive. `act` returns
+
+- two numbers: steer and throttle, both in [-1, 1], steer positive to the left;
+- a plan: an array (n, 2), (n, 3) or (n, 4) of x, y, heading and speed in the car's frame (x ahead, y to the left), the first row
+  0.1 s ahead and one every 0.1 s (`obs.to_car(x, y)` takes a point of the scene there); or
+- a dictionary of the protocol, such as `{"acceleration": 1.0, "steering_angle": 0.02}` or `{"plan": rows, "again": 5}`.
+
+The same class drives over the door for programs of any language (`sage simulate --ego 'cmd:python3 my_planner.py'`), with
+`advsage.sage_planner.serve`. Units: metres, seconds, radians; positions in the frame of the scene.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from . import sage_planner
+from .sage_planner import Agent, Car, Ego, Route, from_gym, from_metadrive
+
+__all__ = ["Agent", "Car", "Ego", "Observation", "Route", "Scene", "from_gym", "from_metadrive"]
+
+
+class Scene(sage_planner.Scene):
+    """What is known before a drive: `id`, `route`, `car`, `lights` (on the route: dictionaries with `lane` and `along`), `map`
+    (a list of dictionaries), and as arrays `lanes`, `edges` and `route.array`."""
+
+    def __init__(self, told):
+        self._told = told
+        self.id = told.id
+        self.route = _Route(told.route())
+        self.car = Car(told.car())
+        self.lights = told.lights()
+
+    @cached_property
+    def map(self):
+        """Features of the map within 50 m of the route: dictionaries as in the message `reset` of the protocol."""
+        return self._told.map()
+
+    @cached_property
+    def lanes(self):
+        """Centre lines of all lanes of the scene: a list of arrays (points, 3), read-only."""
+        return self._told.lines(False)
+
+    @cached_property
+    def edges(self):
+        """Edges of the road: a list of arrays (points, 3), read-only."""
+        return self._told.lines(True)
+
+
+class _Route(Route):
+    @cached_property
+    def array(self):
+        """Its points: array (points, 2)."""
+        return np.array(self.points)
+
+
+class _Ego(Ego):
+    def __init__(self, numbers):
+        self.x, self.y, self.heading, self.vx, self.vy, self.yaw_rate = numbers
+
+
+class _Agent(Agent):
+    __slots__ = ()
+
+    def __init__(self, row):
+        self.id, self.type, self.length, self.width, self.x, self.y, self.heading, self.vx, self.vy = row
+
+
+class Observation(sage_planner.Observation):
+    """What the driver sees before a step of 0.1 s. Every field is made when it is first read."""
+
+    def __init__(self, step, scene):
+        self._step = step
+        self.scene = scene
+        #: Time since the start of the drive.
+        self.t = step.t
+
+    @cached_property
+    def ego(self):
+        """The driven car: `x`, `y`, `heading`, `vx`, `vy`, `yaw_rate`, `speed`."""
+        return _Ego(self._step.ego())
+
+    @cached_property
+    def ego_row(self):
+        """The same: array (7,) of x, y, heading, vx, vy, length, width."""
+        x, y, heading, vx, vy, _ = self._step.ego()
+        return np.array([x, y, heading, vx, vy, self.scene.car.length, self.scene.car.width])
+
+    @cached_property
+    def agents(self):
+        """The other road users, the nearest first, at most 64."""
+        return [_Agent(row) for row in self._step.agents()]
+
+    @cached_property
+    def agent_ids(self):
+        """Their track ids."""
+        return self._step.agent_ids()
+
+    @cached_property
+    def agent_rows(self):
+        """Their numbers: array (agents, 7) of x, y, heading, vx, vy, length, width."""
+        return self._step.agent_rows()
+
+    @cached_property
+    def _history(self):
+        return self._step.agent_history()
+
+    @property
+    def agent_history(self):
+        """The same over ten frames, the present one last: array (64, 10, 7). Road users are in the present order."""
+        return self._history[0]
+
+    @property
+    def agent_mask(self):
+        """Where `agent_history` is known: array (64, 10) of bool."""
+        return self._history[1]
+
+    @cached_property
+    def lights(self):
+        """States of `scene.lights` now: "red", "yellow", "green", "flashing red" or "unknown"."""
+        return self._step.lights()
+
+    @cached_property
+    def history(self):
+        """The messages of the last ten frames as the protocol has them, the oldest first, this one last."""
+        return self._step.messages()
+
+    @property
+    def fields(self):
+        """The message of this step as the protocol has it."""
+        return self.history[-1]
+
+    @cached_property
+    def _vector(self):
+        return self._step.vector()
+
+    def vector(self):
+        """The 101 numbers of a learning driver, as MetaDrive's policies are trained on: array (101,) of 32-bit floats."""
+        return self._vector

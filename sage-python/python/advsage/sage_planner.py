@@ -1,0 +1,1 @@
+../../../examples/planners/sage_planner.py

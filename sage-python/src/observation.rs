@@ -1,0 +1,187 @@
+//! What a planner of Python sees: numbers that become arrays when they are read.
+
+use std::sync::Arc;
+
+use pyo3::{
+    prelude::*,
+    types::{PyDict, PyList, PyTuple},
+};
+use sage_core::scene::MapKind;
+use sage_sim::{
+    observation::{LENGTH, LaterObservation},
+    policy::planner::{AGENTS, ToldAgent, ToldScene, ToldStep},
+};
+
+use crate::{errors::detached, values};
+
+/// Frames of the history, the present one included.
+pub(crate) const HISTORY: usize = 10;
+/// Numbers of a road user: x, y, heading, vx, vy, length, width.
+const ROW: usize = 7;
+
+/// What a planner is told of a scene, behind `advsage.planner.Scene`.
+#[pyclass(frozen, module = "advsage._advsage", name = "ToldScene")]
+pub(crate) struct PyToldScene(Arc<ToldScene>);
+
+impl PyToldScene {
+    pub(crate) fn new(told: Arc<ToldScene>) -> Self {
+        Self(told)
+    }
+}
+
+#[pymethods]
+impl PyToldScene {
+    /// Identifier of the scene.
+    #[getter]
+    fn id(&self) -> &str {
+        self.0.id()
+    }
+
+    /// Corner points of the route.
+    fn route(&self) -> Vec<(f64, f64)> {
+        self.0.route().map(|[x, y]| (x, y)).collect()
+    }
+
+    /// Sizes and limits of the car, by name.
+    fn car<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        values::from_serde(py, self.0.vehicle())
+    }
+
+    /// The features of the map near the route: a list of dictionaries.
+    fn map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        values::from_serde(py, &self.0.map())
+    }
+
+    /// Lights on the route: a list of dictionaries with `lane` and `along`.
+    fn lights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let all = PyList::empty(py);
+        for (lane, along) in self.0.lights() {
+            let dict = PyDict::new(py);
+            dict.set_item("lane", lane)?;
+            dict.set_item("along", along)?;
+            all.append(dict)?;
+        }
+        Ok(all)
+    }
+
+    /// Points of all lanes, or of all edges, of the scene: a list of arrays (points, 3).
+    fn lines<'py>(&self, py: Python<'py>, of_edges: bool) -> PyResult<Bound<'py, PyList>> {
+        let map = self.0.scene().index().map();
+        let accept = |kind: &MapKind| if of_edges { kind.is_edge() } else { kind.is_lane() };
+        let all = PyList::empty(py);
+        for (_, points) in map.polylines(accept) {
+            all.append(values::shared_array(py, points.as_flattened().to_vec(), &[points.len(), 3])?)?;
+        }
+        Ok(all)
+    }
+}
+
+/// What a planner is told before a step, behind `advsage.planner.Observation`.
+#[pyclass(frozen, module = "advsage._advsage", name = "ToldStep")]
+pub(crate) struct PyStep {
+    scene: Arc<ToldScene>,
+    /// The last steps at which the planner was asked, the present one last.
+    steps: Vec<Arc<ToldStep>>,
+    observation: Option<LaterObservation>,
+}
+
+impl PyStep {
+    pub(crate) fn new(
+        scene: Arc<ToldScene>,
+        steps: Vec<Arc<ToldStep>>,
+        observation: Option<LaterObservation>,
+    ) -> Self {
+        Self { scene, steps, observation }
+    }
+
+    fn now(&self) -> &ToldStep {
+        &self.steps[self.steps.len() - 1]
+    }
+
+    fn track_id(&self, track: usize) -> &str {
+        &self.scene.scene().scene().tracks[track].id
+    }
+}
+
+#[pymethods]
+impl PyStep {
+    /// Seconds since frame 0.
+    #[getter]
+    fn t(&self) -> f64 {
+        self.now().t
+    }
+
+    /// x, y, heading, vx, vy and yaw rate of the car.
+    fn ego(&self) -> (f64, f64, f64, f64, f64, f64) {
+        let ToldStep { position: [x, y], heading, velocity: [vx, vy], yaw_rate, .. } = self.now();
+        (*x, *y, *heading, *vx, *vy, *yaw_rate)
+    }
+
+    /// The other road users, the nearest first: id, type, length, width, x, y, heading, vx and vy of each.
+    fn agents<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyTuple>>> {
+        let agents = self.now().agents.iter().map(|agent| {
+            let ([length, width], [x, y], [vx, vy]) = (agent.size, agent.position, agent.velocity);
+            (self.track_id(agent.track), agent.kind, length, width, x, y, agent.heading, vx, vy)
+                .into_pyobject(py)
+        });
+        agents.collect()
+    }
+
+    /// The numbers of the other road users: array (agents, 7).
+    fn agent_rows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let agents = &self.now().agents;
+        let rows = agents.iter().flat_map(row).collect();
+        Ok(values::array(py, rows, &[agents.len(), ROW])?.into_any())
+    }
+
+    /// The same over the last ten frames: array (64, 10, 7), and where it is known: array (64, 10) of bool. The present
+    /// frame is the last, and road users are in the present order.
+    fn agent_history<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let (mut rows, mut mask) = (vec![0.0; AGENTS * HISTORY * ROW], vec![false; AGENTS * HISTORY]);
+        let first = HISTORY - self.steps.len();
+        for (k, agent) in self.now().agents.iter().enumerate() {
+            for (frame, step) in self.steps.iter().enumerate() {
+                let Some(then) = step.agents.iter().find(|other| other.track == agent.track) else {
+                    continue;
+                };
+                let at = k * HISTORY + first + frame;
+                mask[at] = true;
+                rows[at * ROW..(at + 1) * ROW].copy_from_slice(&row(then));
+            }
+        }
+        let rows = values::array(py, rows, &[AGENTS, HISTORY, ROW])?.into_any();
+        Ok((rows, values::array(py, mask, &[AGENTS, HISTORY])?.into_any()))
+    }
+
+    /// States of the lights on the route.
+    fn lights(&self) -> Vec<&'static str> {
+        self.now().lights.clone()
+    }
+
+    /// The 101 numbers of a learning driver: array (101,) of 32-bit floats.
+    fn vector<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let numbers = match &self.observation {
+            Some(observation) => detached(py, || Ok(observation.numbers()))?,
+            None => Box::new([0.0; LENGTH]),
+        };
+        Ok(values::array(py, numbers.to_vec(), &[LENGTH])?.into_any())
+    }
+
+    /// The messages of the last ten steps, as the protocol of programs has them: a list of dictionaries.
+    fn messages<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let scene = self.scene.scene().scene();
+        let all = self.steps.iter().map(|step| values::from_serde(py, &step.message(scene, None)));
+        PyList::new(py, all.collect::<PyResult<Vec<_>>>()?)
+    }
+
+    /// Ids of the other road users, the nearest first.
+    fn agent_ids(&self) -> Vec<&str> {
+        self.now().agents.iter().map(|agent| self.track_id(agent.track)).collect()
+    }
+}
+
+/// The numbers of a road user.
+fn row(agent: &ToldAgent) -> [f64; ROW] {
+    let ([x, y], [vx, vy], [length, width]) = (agent.position, agent.velocity, agent.size);
+    [x, y, agent.heading, vx, vy, length, width]
+}

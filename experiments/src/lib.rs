@@ -4,7 +4,8 @@
 //! - `cli`: arguments. `commands`: one file per command. `dispatch`: which command runs.
 //! - `scenes` lists and reads the scenes of a command, `scene_queue` works on them in parallel with rows that resume, and `output` writes
 //!   folders, files and the record of a run.
-//! - `networks` finds weights by name, and `run_generator` builds the generator of `generate` and `simulate`.
+//! - `networks` loads weights by name, and `run_generator` builds the generator of `generate` and `simulate`. [`results`] gives other programs
+//!   their rows and pages.
 //! - `drawing` draws scenes, `player` plays drives, `listing` lists results, `bench` times the program, and `terminal`, `progress` and `signals` talk to the user.
 //!
 //! ```no_run
@@ -36,6 +37,7 @@ mod outcome;
 mod output;
 mod player;
 mod progress;
+pub mod results;
 mod run_generator;
 mod scenario_files;
 mod scene_queue;

@@ -4,7 +4,6 @@
 mod report;
 
 use std::{
-    collections::HashMap,
     path::{Path, PathBuf},
     sync::{
         Mutex, PoisonError,
@@ -146,14 +145,8 @@ pub(crate) enum Failure {
     },
 }
 
-/// Name of the page that lists all scenes.
-const RESERVED: &str = "index";
-
 /// Scene files with the names of their outputs, which say which part of a recording is read. `root` is the path that the
 /// user gave.
-///
-/// Scenes with one name, and scenes whose name cannot be that of an output, are named apart by their paths: all of them,
-/// so that a scene that is added later does not take the outputs of another.
 ///
 /// *Errors*: the system refuses to read a record, whose name is in it.
 fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Result<Vec<Input>> {
@@ -166,20 +159,10 @@ fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Result<Vec<I
         }
     };
     let names: Vec<String> = files.par_iter().map(name).collect::<Result<_>>()?;
-    let mut counts: HashMap<&str, usize> = HashMap::new();
-    names.iter().for_each(|name| *counts.entry(name).or_default() += 1);
-    let mut apart = 0;
-    let mut inputs = Vec::with_capacity(files.len());
-    for (file, name) in files.iter().zip(&names) {
-        let is_usable = !name.contains('\\') && !name.starts_with('-') && name != RESERVED;
-        let scene = if is_usable && counts[&name[..]] == 1 {
-            name.clone()
-        } else {
-            apart += 1;
-            folder::name_apart(name, &folder::name_below(root, file))
-        };
-        inputs.push(Input { file: file.clone(), scene: scene + &options.suffix() });
-    }
+    let (names, apart) = folder::output_names(root, files, &names);
+    let input =
+        |(file, name): (&PathBuf, String)| Input { file: file.clone(), scene: name + &options.suffix() };
+    let inputs = files.iter().zip(names).map(input).collect();
     if apart > 0 {
         progress::say(&format!(
             "note: outputs of {} have names with a hash of the path, because their own are not unique or cannot be those of outputs",

@@ -226,6 +226,29 @@ pub fn name_below(root: &Path, file: &Path) -> PathBuf {
     below.map_or_else(|| file.file_name().map(PathBuf::from).unwrap_or_default(), Path::to_owned)
 }
 
+/// Name of the page that lists all scenes.
+const RESERVED: &str = "index";
+
+/// Names for the outputs of scenes, from their files below `root` and their own names ([`scene_name`]), and how many of them are
+/// named apart.
+///
+/// Scenes with one name, and scenes whose name cannot be that of an output, are named apart by their paths: all of them,
+/// so that a scene that is added later does not take the outputs of another.
+pub fn output_names(root: &Path, files: &[PathBuf], names: &[String]) -> (Vec<String>, usize) {
+    let mut counts: HashMap<&str, usize> = HashMap::new();
+    names.iter().for_each(|name| *counts.entry(name).or_default() += 1);
+    let mut apart = 0;
+    let all = files.iter().zip(names).map(|(file, name)| {
+        let is_usable = !name.contains('\\') && !name.starts_with('-') && name != RESERVED;
+        if is_usable && counts[&name[..]] == 1 {
+            return name.clone();
+        }
+        apart += 1;
+        name_apart(name, &name_below(root, file))
+    });
+    (all.collect(), apart)
+}
+
 /// Name for the outputs of a scene whose own name another scene has too, or cannot be that of a file: the name with a
 /// hash of the scene's path.
 pub fn name_apart(name: &str, path: &Path) -> String {

@@ -3,15 +3,22 @@
 //! - [`scene`], [`generator`], [`attack`], [`scoring`]: what a user works with.
 //! - [`parts`]: registries and drivers by name. [`values`]: JSON and arrays. [`made_once`]: values that are made when they are asked for. [`errors`]: exceptions, and the guard of every call.
 
+mod ahead;
 mod attack;
+mod episode;
 mod errors;
+mod folder;
 mod generator;
+mod inspecting;
 mod made_once;
+mod many;
 mod observation;
 mod parts;
 mod planner;
 mod scene;
 mod scoring;
+mod searching;
+mod together;
 mod values;
 
 use pyo3::prelude::*;
@@ -27,6 +34,20 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<attack::PyAttack>()?;
     module.add_class::<observation::PyToldScene>()?;
     module.add_class::<observation::PyStep>()?;
+    module.add_class::<episode::PyEpisode>()?;
+    module.add_class::<episode::PyEpisodes>()?;
+    module.add_class::<folder::PyScenes>()?;
+    module.add_class::<many::PyAttacks>()?;
+    module.add_class::<searching::PySearched>()?;
+    module.add_class::<inspecting::PyPicture>()?;
+    module.add_function(wrap_pyfunction!(inspecting::inspect, module)?)?;
+    module.add_function(wrap_pyfunction!(inspecting::convert, module)?)?;
+    module.add_function(wrap_pyfunction!(inspecting::draw, module)?)?;
+    module.add_function(wrap_pyfunction!(episode::simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(episode::simulate_many, module)?)?;
+    module.add_function(wrap_pyfunction!(folder::load_folder, module)?)?;
+    module.add_function(wrap_pyfunction!(many::generate_many, module)?)?;
+    module.add_function(wrap_pyfunction!(searching::search_each, module)?)?;
     module.add_function(wrap_pyfunction!(scene::load, module)?)?;
     module.add_function(wrap_pyfunction!(scene::make, module)?)?;
     module.add_function(wrap_pyfunction!(scoring::score, module)?)?;

@@ -9,7 +9,7 @@ use sage_sim::policy::EgoPolicy;
 
 use crate::{
     errors::{OptionError, detached},
-    planner::{self, PythonPlanner},
+    planner::{self, Planner, PlannerPolicy, Way},
 };
 
 /// All parts of the library. They do not change, so all calls share them.
@@ -32,8 +32,8 @@ pub(crate) struct Driver {
     /// Its name and options.
     pub(crate) label: String,
     pub(crate) policy: Arc<dyn EgoPolicy>,
-    /// Whether it is called in Python, and so on the caller's thread alone.
-    pub(crate) is_python: bool,
+    /// Its planner, if it is one of Python, which is called on the caller's thread alone.
+    pub(crate) planner: Option<Arc<Planner>>,
 }
 
 /// Beginning of the name of a planner that is imported.
@@ -47,15 +47,22 @@ impl Driver {
         if let Ok(name) = ego.cast::<PyString>() {
             let name = name.to_str()?.to_owned();
             return match name.strip_prefix(IMPORTED) {
-                Some(class) => Self::planner(&planner::imported(py, class)?),
+                Some(class) => Self::of_object(&planner::imported(py, class)?),
                 None => detached(py, || Self::named(&name)),
             };
         }
-        Self::planner(ego)
+        Self::of_object(ego)
+    }
+
+    /// Raises what stopped its planner, if something did: an interrupt is no error of the driver.
+    ///
+    /// *Errors*: that, such as Ctrl-C.
+    pub(crate) fn raise_interrupt(&self) -> PyResult<()> {
+        self.planner.as_ref().map_or(Ok(()), |planner| planner.raise_interrupt())
     }
 
     /// The driver of an object with a method `act`.
-    fn planner(object: &Bound<'_, PyAny>) -> PyResult<Self> {
+    fn of_object(object: &Bound<'_, PyAny>) -> PyResult<Self> {
         if !object.getattr_opt("act")?.is_some_and(|act| act.is_callable()) {
             return Err(OptionError::new_err(format!(
                 "ego is {}, which has no method `act`; expected the name of a driver such as 'idm', 'py:package.module:Class', or an \
@@ -63,9 +70,9 @@ impl Driver {
                 object.repr()?
             )));
         }
-        let policy = PythonPlanner::new(object)?;
-        let label = policy.name().to_owned();
-        Ok(Self { label, policy: Arc::new(policy), is_python: true })
+        let planner = Arc::new(Planner::new(object)?);
+        let policy = Arc::new(PlannerPolicy(Way::Call(planner.clone())));
+        Ok(Self { label: planner.name.clone(), policy, planner: Some(planner) })
     }
 
     /// The same, or the driver of a name.
@@ -78,6 +85,6 @@ impl Driver {
     fn named(name: &str) -> Result<Self> {
         let part: PolicyPart = name.parse().map_err(sage_bench::Error::Value)?;
         let Ego { label, policy, .. } = Ego::new(&part, registries()?)?;
-        Ok(Self { label, policy: policy.into(), is_python: false })
+        Ok(Self { label, policy: policy.into(), planner: None })
     }
 }

@@ -10,13 +10,14 @@ use std::{
 };
 
 use pyo3::{
-    exceptions::PyException,
+    exceptions::{PyException, PyKeyboardInterrupt},
     intern,
     prelude::*,
-    types::{PyFloat, PyTuple},
+    types::{PyFloat, PyList, PyString, PyTuple},
 };
 use sage_sim::{
     Error,
+    observation::LaterObservation,
     policy::{
         Driver, EgoPolicy, Shown, Start, View,
         planner::{AGENTS, Answer, Follower, RADIUS, ToldScene, ToldStep},
@@ -27,7 +28,9 @@ use sage_sim::{
 use serde_json::{Map, Value};
 
 use crate::{
+    errors::OptionError,
     observation::{HISTORY, PyStep, PyToldScene},
+    together::Questions,
     values,
 };
 
@@ -36,49 +39,171 @@ thread_local! {
     static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
 }
 
+/// Keeps what a planner raised for the error that it becomes.
+pub(crate) fn keep_raised(raised: Option<PyErr>) {
+    RAISED.set(raised);
+}
+
 /// Takes what a planner raised last on this thread.
 pub(crate) fn take_raised() -> Option<PyErr> {
     RAISED.take()
 }
 
-/// The policy of a planner.
-pub(crate) struct PythonPlanner {
-    shared: Arc<Shared>,
-}
-
-struct Shared {
-    planner: Py<PyAny>,
-    name: String,
-    /// Set by what is no `Exception`, such as Ctrl-C: no drive calls the planner again.
+/// A planner: an object with a method `act`.
+pub(crate) struct Planner {
+    object: Py<PyAny>,
+    /// Its name in results.
+    pub(crate) name: String,
+    /// Whether it takes the observations of several drives at once.
+    pub(crate) takes_many: bool,
+    /// Set by what is no `Exception`, such as Ctrl-C: no drive asks the planner again.
     is_stopped: AtomicBool,
 }
 
-impl PythonPlanner {
-    /// The policy of an object with a method `act`.
+impl Planner {
+    /// The planner of an object.
     ///
-    /// *Errors*: it has none.
-    pub(crate) fn new(planner: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let name = planner.getattr_opt(intern!(planner.py(), "name"))?;
-        let name = name.filter(|name| name.is_instance_of::<pyo3::types::PyString>());
-        let name = match name {
+    /// *Errors*: those of reading its name.
+    pub(crate) fn new(object: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let py = object.py();
+        let name = object.getattr_opt(intern!(py, "name"))?;
+        let name = match name.filter(|name| name.is_instance_of::<PyString>()) {
             Some(name) => name.extract()?,
-            None => planner.get_type().name()?.to_string(),
+            None => object.get_type().name()?.to_string(),
         };
-        let is_stopped = AtomicBool::new(false);
-        Ok(Self { shared: Arc::new(Shared { planner: planner.clone().unbind(), name, is_stopped }) })
+        let takes_many = object.getattr_opt(intern!(py, "act_many"))?.is_some_and(|act| act.is_callable());
+        Ok(Self { object: object.clone().unbind(), name, takes_many, is_stopped: AtomicBool::new(false) })
     }
 
-    /// Its name in results.
-    pub(crate) fn name(&self) -> &str {
-        &self.shared.name
+    /// Raises what stopped the planner, if something did.
+    ///
+    /// *Errors*: that, such as Ctrl-C.
+    pub(crate) fn raise_interrupt(&self) -> PyResult<()> {
+        if !self.is_stopped.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        Err(take_raised().unwrap_or_else(|| PyKeyboardInterrupt::new_err("the planner was interrupted")))
+    }
+
+    /// Tells it the scene of a drive. Returns the scene as the planner got it.
+    ///
+    /// *Errors*: what it raised, in words.
+    pub(crate) fn reset(
+        &self,
+        py: Python<'_>,
+        told: &Arc<ToldScene>,
+        drive: usize,
+    ) -> Result<Py<PyAny>, String> {
+        let reset = || -> PyResult<Py<PyAny>> {
+            let class = py.import(intern!(py, "advsage.planner"))?.getattr(intern!(py, "Scene"))?;
+            let scene = class.call1((PyToldScene::new(told.clone()), drive))?;
+            if let Some(reset) = self.object.bind(py).getattr_opt(intern!(py, "reset"))? {
+                reset.call1((&scene, told.seed()))?;
+            }
+            Ok(scene.unbind())
+        };
+        self.caught(py, reset())
+    }
+
+    /// Asks it about one drive.
+    ///
+    /// *Errors*: what it raised, or what is wrong with its answer, in words.
+    pub(crate) fn act(&self, py: Python<'_>, scene: &Py<PyAny>, asked: Asked) -> Result<Answer, String> {
+        let car = asked.car;
+        let act = || self.object.call_method1(py, intern!(py, "act"), (observation(py, scene, asked)?,));
+        answer_of(self.caught(py, act())?.bind(py), &car)
+    }
+
+    /// Asks it about several drives at once.
+    ///
+    /// *Errors*: of all drives what it raised, of one what is wrong with its answer, in words.
+    pub(crate) fn act_many(
+        &self,
+        py: Python<'_>,
+        all: Vec<(Py<PyAny>, Asked)>,
+    ) -> Vec<Result<Answer, String>> {
+        let cars: Vec<Vehicle> = all.iter().map(|(_, asked)| asked.car).collect();
+        let act = || -> PyResult<Vec<Bound<'_, PyAny>>> {
+            let seen = all.into_iter().map(|(scene, asked)| observation(py, &scene, asked));
+            let seen = PyList::new(py, seen.collect::<PyResult<Vec<_>>>()?)?;
+            let answers = self.object.bind(py).call_method1(intern!(py, "act_many"), (seen,))?;
+            answers.try_iter()?.collect()
+        };
+        match self.caught(py, act()) {
+            Ok(answers) if answers.len() == cars.len() => {
+                answers.iter().zip(&cars).map(|(answer, car)| answer_of(answer, car)).collect()
+            }
+            Ok(answers) => {
+                let problem =
+                    format!("`act_many` returned {} answers for {} drives", answers.len(), cars.len());
+                vec![Err(problem); cars.len()]
+            }
+            Err(problem) => vec![Err(problem); cars.len()],
+        }
+    }
+
+    /// Keeps what was raised, with its class and text as the message.
+    fn caught<T>(&self, py: Python<'_>, outcome: PyResult<T>) -> Result<T, String> {
+        outcome.map_err(|raised| {
+            let class = raised.get_type(py).name().map_or("an exception".to_owned(), |name| name.to_string());
+            let text = format!("{class}: {}", raised.value(py));
+            if !raised.is_instance_of::<PyException>(py) {
+                self.is_stopped.store(true, Ordering::Relaxed);
+            }
+            RAISED.set(Some(raised));
+            text
+        })
     }
 }
 
-impl EgoPolicy for PythonPlanner {
+/// What a planner is asked at a step.
+pub(crate) struct Asked {
+    told: Arc<ToldScene>,
+    /// The last steps at which it was asked, the present one last.
+    steps: Vec<Arc<ToldStep>>,
+    observation: Option<LaterObservation>,
+    car: Vehicle,
+}
+
+impl Asked {
+    /// The scene of the drive.
+    pub(crate) fn told(&self) -> &Arc<ToldScene> {
+        &self.told
+    }
+}
+
+fn observation<'py>(py: Python<'py>, scene: &Py<PyAny>, asked: Asked) -> PyResult<Bound<'py, PyAny>> {
+    let class = py.import(intern!(py, "advsage.planner"))?.getattr(intern!(py, "Observation"))?;
+    class.call1((PyStep::new(asked.told, asked.steps, asked.observation), scene))
+}
+
+/// How the drives of a policy reach their planner.
+#[derive(Clone)]
+pub(crate) enum Way {
+    /// By a call: the drive is on the caller's thread.
+    Call(Arc<Planner>),
+    /// By a question to the caller's thread.
+    Question(Arc<Planner>, Questions),
+}
+
+impl Way {
+    fn planner(&self) -> &Planner {
+        match self {
+            Self::Call(planner) | Self::Question(planner, _) => planner,
+        }
+    }
+}
+
+/// The policy of a planner.
+pub(crate) struct PlannerPolicy(pub(crate) Way);
+
+impl EgoPolicy for PlannerPolicy {
     fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
-        Ok(Box::new(PythonDriver {
-            shared: self.shared.clone(),
+        Ok(Box::new(PlannerDriver {
+            way: self.0.clone(),
+            scene_id: start.scene_id().to_owned(),
             seed: start.seed(),
+            told: None,
             scene: None,
             follower: Follower::default(),
             steps: VecDeque::with_capacity(HISTORY),
@@ -88,31 +213,28 @@ impl EgoPolicy for PythonPlanner {
 }
 
 /// A drive of a planner.
-struct PythonDriver {
-    shared: Arc<Shared>,
+struct PlannerDriver {
+    way: Way,
+    scene_id: String,
     seed: u64,
-    /// What the planner was told of the scene, as `reset` got it.
-    scene: Option<(Arc<ToldScene>, Py<PyAny>)>,
+    told: Option<Arc<ToldScene>>,
+    /// The scene as the planner got it, if it is called here.
+    scene: Option<Py<PyAny>>,
     follower: Follower,
     /// The last steps at which it was asked.
     steps: VecDeque<Arc<ToldStep>>,
     shown: Option<Shown>,
 }
 
-impl Driver for PythonDriver {
+impl Driver for PlannerDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
         if let Some(action) = self.follower.kept(view) {
             return Ok(Control::Drive(action));
         }
-        let answer = if self.shared.is_stopped.load(Ordering::Relaxed) {
-            Err("it was interrupted".to_owned())
-        } else {
-            Python::attach(|py| self.answer(py, view))
-        };
-        let answer = answer.map_err(|problem| Error::Planner {
-            scene: self.scene.as_ref().map_or(String::new(), |(told, _)| told.id().to_owned()),
+        let answer = self.answer(view).map_err(|problem| Error::Planner {
+            scene: self.scene_id.clone(),
             step: Some(view.step()),
-            problem: format!("the planner `{}` failed: {problem}", self.shared.name),
+            problem: format!("the planner `{}` failed: {problem}", self.way.planner().name),
             log: sage_sim::PlannerLog::default(),
             drive: None,
         })?;
@@ -126,65 +248,42 @@ impl Driver for PythonDriver {
     }
 
     fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        let name = &self.way.planner().name;
         Err(Error::Clone {
-            problem: format!(
-                "the planner `{}` is an object of Python, whose state is not copied",
-                self.shared.name
-            ),
+            problem: format!("the planner `{name}` is an object of Python, whose state is not copied"),
         })
     }
 }
 
-impl PythonDriver {
+impl PlannerDriver {
     /// What the planner answers to a step.
-    fn answer(&mut self, py: Python<'_>, view: &View) -> Result<Answer, String> {
-        if self.scene.is_none() {
-            let told = Arc::new(ToldScene::new(view, self.seed, RADIUS));
-            let scene = self.caught(py, reset(py, &self.shared.planner, &told))?;
-            self.scene = Some((told, scene));
+    fn answer(&mut self, view: &View) -> Result<Answer, String> {
+        if self.way.planner().is_stopped.load(Ordering::Relaxed) {
+            return Err("it was interrupted".to_owned());
         }
-        let (told, scene) = self.scene.as_ref().ok_or("it was not told the scene")?;
-        let step = Arc::new(ToldStep::new(view, AGENTS));
+        let is_first = self.told.is_none();
+        let told = self.told.get_or_insert_with(|| Arc::new(ToldScene::new(view, self.seed, RADIUS)));
         if self.steps.len() == HISTORY {
             self.steps.pop_front();
         }
-        self.steps.push_back(step);
-        let later = view.later_observation();
-        let step = PyStep::new(told.clone(), self.steps.iter().cloned().collect(), later);
-        let answered = act(py, &self.shared.planner, scene, step);
-        let answered = self.caught(py, answered)?;
-        answer_of(answered.bind(py), view.car())
+        self.steps.push_back(Arc::new(ToldStep::new(view, AGENTS)));
+        let asked = Asked {
+            told: told.clone(),
+            steps: self.steps.iter().cloned().collect(),
+            observation: view.later_observation(),
+            car: *view.car(),
+        };
+        match &self.way {
+            Way::Question(_, questions) => questions.ask(asked, is_first),
+            Way::Call(planner) => Python::attach(|py| {
+                let scene = match &self.scene {
+                    Some(scene) => scene,
+                    None => self.scene.insert(planner.reset(py, &asked.told, 0)?),
+                };
+                planner.act(py, scene, asked)
+            }),
+        }
     }
-
-    /// Keeps what was raised, with its class and text as the message.
-    fn caught<T>(&self, py: Python<'_>, outcome: PyResult<T>) -> Result<T, String> {
-        outcome.map_err(|raised| {
-            let class = raised.get_type(py).name().map_or("an exception".to_owned(), |name| name.to_string());
-            let text = format!("{class}: {}", raised.value(py));
-            if !raised.is_instance_of::<PyException>(py) {
-                self.shared.is_stopped.store(true, Ordering::Relaxed);
-            }
-            RAISED.set(Some(raised));
-            text
-        })
-    }
-}
-
-/// Tells a planner the scene. Returns it as the planner got it.
-fn reset(py: Python<'_>, planner: &Py<PyAny>, told: &Arc<ToldScene>) -> PyResult<Py<PyAny>> {
-    let class = py.import(intern!(py, "advsage.planner"))?.getattr(intern!(py, "Scene"))?;
-    let scene = class.call1((PyToldScene::new(told.clone()),))?;
-    if let Some(reset) = planner.bind(py).getattr_opt(intern!(py, "reset"))? {
-        reset.call1((&scene, told.seed()))?;
-    }
-    Ok(scene.unbind())
-}
-
-/// Asks a planner.
-fn act(py: Python<'_>, planner: &Py<PyAny>, scene: &Py<PyAny>, step: PyStep) -> PyResult<Py<PyAny>> {
-    let class = py.import(intern!(py, "advsage.planner"))?.getattr(intern!(py, "Observation"))?;
-    let observation = class.call1((step, scene))?;
-    planner.call_method1(py, intern!(py, "act"), (observation,))
 }
 
 /// What a planner returned, as an answer to the driver of a car.
@@ -231,9 +330,7 @@ fn answer_of(returned: &Bound<'_, PyAny>, car: &Vehicle) -> Result<Answer, Strin
 /// A planner by the name of its class: `py:package.module:Class`, called without arguments.
 pub(crate) fn imported<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     let Some((module, class)) = name.rsplit_once(':') else {
-        return Err(crate::errors::OptionError::new_err(format!(
-            "ego is `py:{name}`; expected `py:package.module:Class`"
-        )));
+        return Err(OptionError::new_err(format!("ego is `py:{name}`; expected `py:package.module:Class`")));
     };
     py.import(module)?.getattr(class)?.call0()
 }

@@ -20,7 +20,7 @@ use crate::{
 
 /// Where a scene comes from: what its file holds besides the scene.
 pub(crate) struct Origin {
-    path: PathBuf,
+    pub(crate) path: PathBuf,
     source: Arc<Source>,
     options: ReadOptions,
     /// How it was derived from that file, if it was.
@@ -34,6 +34,10 @@ pub(crate) struct PyScene {
     pub(crate) origin: Arc<Origin>,
     arrays: Arrays,
 }
+
+/// A scene without its object of Python, for work in other threads.
+#[derive(Clone)]
+pub(crate) struct Shared(pub(crate) Arc<SceneData>, Arc<Origin>);
 
 /// Arrays of a scene, each made at its first use.
 #[derive(Default)]
@@ -49,6 +53,16 @@ struct Arrays {
 impl PyScene {
     pub(crate) fn new(data: Arc<SceneData>, origin: Arc<Origin>) -> Self {
         Self { data, origin, arrays: Arrays::default() }
+    }
+
+    /// The scene for work in other threads.
+    pub(crate) fn shared(&self) -> Shared {
+        Shared(self.data.clone(), self.origin.clone())
+    }
+
+    /// The object of a scene.
+    pub(crate) fn of_shared(Shared(data, origin): Shared) -> Self {
+        Self::new(data, origin)
     }
 
     /// A scene as it was read.

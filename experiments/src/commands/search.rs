@@ -2,7 +2,7 @@
 
 pub(super) mod found;
 mod picture;
-mod row;
+pub(crate) mod row;
 mod scene;
 mod searcher;
 mod summary;

@@ -1,10 +1,10 @@
 //! `sage simulate`: drives scenes with policies, with or without attacks, and writes pages that play them.
 
 mod attack_file;
-mod attacks;
+pub(crate) mod attacks;
 mod check_planner;
 mod index;
-mod row;
+pub(crate) mod row;
 mod scene;
 mod summary;
 

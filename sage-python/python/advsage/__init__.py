@@ -1,17 +1,80 @@
-"""Steerable adversarial traffic scenes for testing driving software. `import advsage as sage`."""
+"""Steerable adversarial traffic scenes for testing driving software.
+
+    import advsage as sage
+
+    scene = sage.load("scene.pkl")
+    attack = sage.Generator(lambda_=1.0)(scene)
+    print(attack, sage.simulate(scene, "idm", attack))
+"""
 
 from . import _threads as _threads  # first: it sets variables that the module reads
 
-from . import errors
-from ._advsage import Attack, Generator, Scene, __version__, load, make, score, score_columns
+from . import errors, planner
+from ._advsage import (
+    Attack,
+    Episode,
+    Generator,
+    Picture,
+    Scene,
+    Scenes,
+    __version__,
+    convert,
+    draw,
+    generate_many,
+    inspect,
+    load,
+    load_folder,
+    make,
+    score,
+    score_columns,
+    simulate,
+    simulate_many,
+)
+from ._results import Failure, Failures, Stress, search, stress
+from .errors import (
+    FileError,
+    FormatError,
+    InternalError,
+    MissingFile,
+    OptionError,
+    PlannerError,
+    SageError,
+    SceneError,
+    UnknownName,
+)
 
 __all__ = [
     "Attack",
+    "Episode",
+    "Failure",
+    "Failures",
+    "FileError",
+    "FormatError",
     "Generator",
+    "InternalError",
+    "MissingFile",
+    "OptionError",
+    "Picture",
+    "PlannerError",
+    "SageError",
     "Scene",
+    "SceneError",
+    "Scenes",
+    "Stress",
+    "UnknownName",
+    "convert",
+    "draw",
     "errors",
+    "generate_many",
+    "inspect",
     "load",
+    "load_folder",
     "make",
+    "planner",
     "score",
     "score_columns",
+    "search",
+    "simulate",
+    "simulate_many",
+    "stress",
 ]

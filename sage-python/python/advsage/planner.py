@@ -27,8 +27,10 @@ class Scene(sage_planner.Scene):
     """What is known before a drive: `id`, `route`, `car`, `lights` (on the route: dictionaries with `lane` and `along`), `map`
     (a list of dictionaries), and as arrays `lanes`, `edges` and `route.array`."""
 
-    def __init__(self, told):
+    def __init__(self, told, drive=0):
         self._told = told
+        #: Number of the drive among those that `act_many` is asked about.
+        self.drive = drive
         self.id = told.id
         self.route = _Route(told.route())
         self.car = Car(told.car())

@@ -13,83 +13,83 @@ use serde_json::{Map, Value, json};
 use crate::{operating_point::RowKey, scene_queue::ROW_LIMIT, terminal};
 
 /// Name of the row of a scene.
-pub(in crate::commands) fn row_file(scene: &str) -> String {
+pub(crate) fn row_file(scene: &str) -> String {
     format!("{scene}.json")
 }
 
 /// Name of the file of all drives of a scene.
-pub(super) fn drives_file(scene: &str) -> String {
+pub(crate) fn drives_file(scene: &str) -> String {
     format!("{scene}-drives.json")
 }
 
 /// Name of the file of the unchanged scene, in the native format.
-pub(in crate::commands) fn unchanged_file(scene: &str) -> String {
+pub(crate) fn unchanged_file(scene: &str) -> String {
     // No ending of a scene: in the folder of the attacked scenes it is none of them.
     format!("{scene}-unchanged.scene")
 }
 
 /// Name of a failure, as part of file names; `number` counts from 1.
-pub(in crate::commands) fn failure_name(number: usize) -> String {
+pub(crate) fn failure_name(number: usize) -> String {
     format!("failure{number}")
 }
 
 /// Fields that every row begins with.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct RowHead {
+pub(crate) struct RowHead {
     /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
-    pub(super) run_hash: String,
+    pub(crate) run_hash: String,
     /// Name of the input file without its ending.
-    pub(super) scene: String,
+    pub(crate) scene: String,
     /// The driver under test.
-    pub(super) ego: String,
+    pub(crate) ego: String,
     /// Hash of the input file.
-    pub(super) source_hash: String,
-    pub(super) seed: u64,
+    pub(crate) source_hash: String,
+    pub(crate) seed: u64,
     /// Track of the adversary.
-    pub(super) adversary: String,
+    pub(crate) adversary: String,
 }
 
 /// The row of a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(in crate::commands) struct SceneRow {
+pub(crate) struct SceneRow {
     #[serde(flatten)]
-    pub(super) head: RowHead,
+    pub(crate) head: RowHead,
     /// All files of the scene but its row.
-    pub(super) files: Vec<String>,
+    pub(crate) files: Vec<String>,
     /// What makes a plan a failure.
-    pub(super) require: Requirement,
+    pub(crate) require: Requirement,
     /// Plans by what became of them, and how many were driven against.
-    pub(super) plans: PlanCounts,
+    pub(crate) plans: PlanCounts,
     /// Attacked drives.
-    pub(super) drives: usize,
+    pub(crate) drives: usize,
     /// Drives in which the driver gave an error.
-    pub(super) errors: usize,
+    pub(crate) errors: usize,
     /// Drives by the clauses that they meet, each with the ones before it.
-    pub(super) attacks: usize,
-    pub(super) believable: usize,
-    pub(super) at_fault: usize,
+    pub(crate) attacks: usize,
+    pub(crate) believable: usize,
+    pub(crate) at_fault: usize,
     /// Drives that meet all required clauses.
-    pub(super) failures: usize,
+    pub(crate) failures: usize,
     /// Why there is no failure.
-    pub(super) reason: Option<Reason>,
+    pub(crate) reason: Option<Reason>,
     /// The furthest clause that a drive missed, whatever ended the search.
-    pub(super) reached: Option<Reason>,
+    pub(crate) reached: Option<Reason>,
     /// Drives until the first failure, that one included.
-    pub(super) first_failure: Option<usize>,
+    pub(crate) first_failure: Option<usize>,
     /// Step of the first contact of the unattacked drive.
-    pub(super) unattacked_contact: Option<i64>,
+    pub(crate) unattacked_contact: Option<i64>,
     /// Box centre and heading of the ego in the unattacked drive at frames 0 to 90, up to its first contact.
     #[serde(default)]
-    pub(super) unattacked_path: Vec<[f64; 3]>,
+    pub(crate) unattacked_path: Vec<[f64; 3]>,
     /// The failure with the largest reward.
-    pub(super) worst: Option<FoundFailure>,
+    pub(crate) worst: Option<FoundFailure>,
     /// The failure that is likeliest under the prior.
-    pub(super) mildest: Option<FoundFailure>,
+    pub(crate) mildest: Option<FoundFailure>,
 }
 
 /// Plans of a scene.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) struct PlanCounts {
+pub(crate) struct PlanCounts {
     #[serde(flatten)]
     counts: PoolCounts,
     /// In the pool.
@@ -98,7 +98,7 @@ pub(super) struct PlanCounts {
 
 /// A failure as the row of its scene names it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct FoundFailure {
+pub(crate) struct FoundFailure {
     /// Its number, 1 the first found.
     number: usize,
     /// File of its row.
@@ -120,7 +120,7 @@ const RANDOM: &str = "random";
 
 /// Where a plan comes from.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(super) struct PlanRow {
+pub(crate) struct PlanRow {
     /// Its number in the pool.
     number: usize,
     /// Generator.
@@ -135,7 +135,7 @@ pub(super) struct PlanRow {
 }
 
 impl PlanRow {
-    pub(super) fn new(pool: &Pool, number: usize, source: Option<&RowKey>) -> Self {
+    pub(crate) fn new(pool: &Pool, number: usize, source: Option<&RowKey>) -> Self {
         let plan = &pool.plans[number];
         let point = source.and_then(|key| key.point.as_ref());
         let mix = point.iter().flat_map(|point| &point.mix);
@@ -165,33 +165,63 @@ impl PlanRow {
 
 /// The row of a failure: like that of `sage generate`, and as `sage simulate --attack` reads it.
 #[derive(Serialize)]
-pub(super) struct FailureRow<'r> {
+pub(crate) struct FailureRow<'r> {
     #[serde(flatten)]
-    pub(super) head: &'r RowHead,
+    pub(crate) head: &'r RowHead,
     /// Name of the failure, as in file names.
-    pub(super) variant: &'r str,
+    pub(crate) variant: &'r str,
     /// The scene files of this attack.
-    pub(super) files: Vec<String>,
+    pub(crate) files: Vec<String>,
     #[serde(flatten)]
-    pub(super) described: &'r Map<String, Value>,
-    pub(super) trajectory: &'r Trajectory,
-    pub(super) feasible: bool,
+    pub(crate) described: &'r Map<String, Value>,
+    pub(crate) trajectory: &'r Trajectory,
+    pub(crate) feasible: bool,
     /// Its drive, 1 the first.
-    pub(super) drive: usize,
-    pub(super) plan: PlanRow,
+    pub(crate) drive: usize,
+    pub(crate) plan: PlanRow,
     #[serde(flatten)]
-    pub(super) evaluated: EvaluatedRow<'r>,
+    pub(crate) evaluated: EvaluatedRow<'r>,
     /// Box centre and heading of the ego at frames 0 to *now*.
-    pub(super) ego_history: &'r [[f64; 3]],
+    pub(crate) ego_history: &'r [[f64; 3]],
     /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
-    pub(super) ego_path: Vec<[f64; 3]>,
+    pub(crate) ego_path: Vec<[f64; 3]>,
     #[serde(flatten)]
-    pub(super) avoidable: &'r Avoidable,
+    pub(crate) avoidable: &'r Avoidable,
+}
+
+impl<'r> FailureRow<'r> {
+    /// The row of a failure with its name and files; `source` is that of its plan.
+    pub(crate) fn new(
+        (head, variant): (&'r RowHead, &'r str),
+        files: Vec<String>,
+        described: &'r Map<String, Value>,
+        pool: &'r Pool,
+        result: &'r SearchResult,
+        failure: &'r Failure,
+        source: Option<&RowKey>,
+    ) -> Self {
+        let evaluated = &result.driven[failure.drive];
+        let path = failure.path.positions.iter().zip(&failure.path.headings);
+        Self {
+            head,
+            variant,
+            files,
+            described,
+            trajectory: &pool.plans[evaluated.plan].proposal.trajectory,
+            feasible: true,
+            drive: failure.drive + 1,
+            plan: PlanRow::new(pool, evaluated.plan, source),
+            evaluated: EvaluatedRow::of(evaluated),
+            ego_history: &failure.path.history,
+            ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
+            avoidable: &failure.avoidable,
+        }
+    }
 }
 
 /// What an attacked drive was found to be.
 #[derive(Serialize)]
-pub(super) struct EvaluatedRow<'r> {
+pub(crate) struct EvaluatedRow<'r> {
     contact: Option<&'r Met>,
     clauses: Clauses,
     reward: f64,
@@ -199,7 +229,7 @@ pub(super) struct EvaluatedRow<'r> {
 }
 
 impl<'r> EvaluatedRow<'r> {
-    pub(super) fn of(evaluated: &'r Evaluated) -> Self {
+    pub(crate) fn of(evaluated: &'r Evaluated) -> Self {
         let Evaluated { contact, clauses, reward, avoidable_r157, .. } = evaluated;
         Self {
             contact: contact.as_ref(),
@@ -212,27 +242,27 @@ impl<'r> EvaluatedRow<'r> {
 
 /// The file of all drives of a scene.
 #[derive(Serialize)]
-pub(super) struct DrivesFile<'r> {
+pub(crate) struct DrivesFile<'r> {
     #[serde(flatten)]
-    pub(super) head: &'r RowHead,
+    pub(crate) head: &'r RowHead,
     /// In their order.
-    pub(super) drives: Vec<DrivenRow<'r>>,
+    pub(crate) drives: Vec<DrivenRow<'r>>,
 }
 
 /// One attacked drive.
 #[derive(Serialize)]
-pub(super) struct DrivenRow<'r> {
-    pub(super) plan: PlanRow,
+pub(crate) struct DrivenRow<'r> {
+    pub(crate) plan: PlanRow,
     #[serde(flatten)]
-    pub(super) evaluated: EvaluatedRow<'r>,
-    pub(super) time_to_react: Option<f64>,
-    pub(super) error: Option<&'r str>,
-    pub(super) trajectory: &'r Trajectory,
+    pub(crate) evaluated: EvaluatedRow<'r>,
+    pub(crate) time_to_react: Option<f64>,
+    pub(crate) error: Option<&'r str>,
+    pub(crate) trajectory: &'r Trajectory,
 }
 
 impl SceneRow {
     /// The row of a search; `source` finds the source of a plan.
-    pub(super) fn new<'k>(
+    pub(crate) fn new<'k>(
         head: RowHead,
         require: Requirement,
         pool: &Pool,
@@ -277,49 +307,49 @@ impl SceneRow {
     }
 
     /// The scene.
-    pub(in crate::commands) fn scene(&self) -> &str {
+    pub(crate) fn scene(&self) -> &str {
         &self.head.scene
     }
 
     /// Track of the adversary.
-    pub(in crate::commands) fn adversary(&self) -> &str {
+    pub(crate) fn adversary(&self) -> &str {
         &self.head.adversary
     }
 
     /// The driver under test.
-    pub(in crate::commands) fn ego(&self) -> &str {
+    pub(crate) fn ego(&self) -> &str {
         &self.head.ego
     }
 
     /// Why there is no failure, in words; after an exhausted budget, what the drives so far have missed.
-    pub(in crate::commands) fn reason_words(&self) -> &'static str {
+    pub(crate) fn reason_words(&self) -> &'static str {
         let reason =
             if self.reason == Some(Reason::Budget) { self.reached.or(self.reason) } else { self.reason };
         reason.map_or("", Reason::words)
     }
 
     /// Box centre and heading of the ego in the unattacked drive.
-    pub(in crate::commands) fn unattacked_path(&self) -> &[[f64; 3]] {
+    pub(crate) fn unattacked_path(&self) -> &[[f64; 3]] {
         &self.unattacked_path
     }
 
     /// Number of failures.
-    pub(in crate::commands) fn failures(&self) -> usize {
+    pub(crate) fn failures(&self) -> usize {
         self.failures
     }
 
     /// Number of the worst failure, 1 the first found.
-    pub(in crate::commands) fn worst(&self) -> Option<usize> {
+    pub(crate) fn worst(&self) -> Option<usize> {
         self.worst.as_ref().map(|failure| failure.number)
     }
 
     /// Number of the mildest failure.
-    pub(in crate::commands) fn mildest(&self) -> Option<usize> {
+    pub(crate) fn mildest(&self) -> Option<usize> {
         self.mildest.as_ref().map(|failure| failure.number)
     }
 
     /// What came of the search, in words.
-    pub(in crate::commands) fn explained(&self) -> String {
+    pub(crate) fn explained(&self) -> String {
         let [scene, ego, adversary] =
             [&self.head.scene, &self.head.ego, &self.head.adversary].map(|name| terminal::escaped_name(name));
         let result = match self.failures {
@@ -352,12 +382,12 @@ impl SceneRow {
     }
 
     /// Reads a row; `None` if the file is missing or incomplete.
-    pub(in crate::commands) fn read(path: &Path) -> Option<Self> {
+    pub(crate) fn read(path: &Path) -> Option<Self> {
         serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
     }
 
     /// The printed line; `seconds` is the time of the search, `None` if an earlier run finished it.
-    pub(super) fn line(&self, seconds: Option<f64>) -> String {
+    pub(crate) fn line(&self, seconds: Option<f64>) -> String {
         let drives = crate::progress::count(self.drives, "drive");
         let found = match (self.failures, self.reason) {
             (0, Some(Reason::Budget)) => {

@@ -214,21 +214,8 @@ impl OneScene<'_> {
             facts.insert("adversarial_reward".to_owned(), json!(evaluated.reward));
             all.extend(files.scenario(scenarios, scene, &attack, &facts)?);
         }
-        let path = failure.path.positions.iter().zip(&failure.path.headings);
-        let row = FailureRow {
-            head,
-            variant,
-            files: all.iter().map(|(name, _)| name.clone()).collect(),
-            described: &described,
-            trajectory: &plan.proposal.trajectory,
-            feasible: true,
-            drive: failure.drive + 1,
-            plan: PlanRow::new(pool, evaluated.plan, key),
-            evaluated: EvaluatedRow::of(evaluated),
-            ego_history: &failure.path.history,
-            ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
-            avoidable: &failure.avoidable,
-        };
+        let names = all.iter().map(|(name, _)| name.clone()).collect();
+        let row = FailureRow::new((head, variant), names, &described, pool, result, failure, key);
         all.push((row_file(&format!("{}-{variant}", self.name)), serde_json::to_vec(&row)?));
         Ok(all)
     }

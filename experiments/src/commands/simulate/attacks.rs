@@ -39,15 +39,15 @@ pub(super) struct PlannedDrive {
 }
 
 /// An attack with its scores against the drive that it was planned against.
-pub(super) struct PlannedAttack {
+pub(crate) struct PlannedAttack {
     pub(super) trajectory: Trajectory,
     pub(super) feasible: bool,
-    pub(super) believable: Option<bool>,
-    pub(super) unbelievable: Vec<Reason>,
+    believable: Option<bool>,
+    unbelievable: Vec<Reason>,
     /// Step of the contact with that drive.
-    pub(super) contact: Option<usize>,
+    pub(crate) contact: Option<usize>,
     /// Whether that drive has an evasive manoeuvre.
-    pub(super) avoidable: Avoidable,
+    avoidable: Avoidable,
 }
 
 impl<'a> SceneAttacks<'a> {
@@ -127,7 +127,7 @@ impl<'a> SceneAttacks<'a> {
 
 impl PlannedAttack {
     /// A plan with its scores against the drive before, and the last evasive manoeuvre of that drive.
-    fn of(ctx: &Context, avoidance: &Avoidance, trajectory: Trajectory) -> Self {
+    pub(crate) fn of(ctx: &Context, avoidance: &Avoidance, trajectory: Trajectory) -> Self {
         let candidate = ctx.candidate(trajectory.clone());
         let scores = Scorer::new(ctx).scores(&candidate);
         let (feasible, believable) = (scores.feasible, scores.believable);
@@ -137,7 +137,7 @@ impl PlannedAttack {
     }
 
     /// The row of the attack, with its verdict and the drive before.
-    pub(super) fn row(self, verdict: Verdict, before: &Drive) -> AttackRow {
+    pub(crate) fn row(self, verdict: Verdict, before: &Drive) -> AttackRow {
         let first = before.contacts.first().map(|contact| contact.step);
         AttackRow {
             trajectory: self.trajectory,

@@ -2,57 +2,64 @@
 
 use std::path::Path;
 
-use sage_core::{files, motion::Trajectory, objective::Reason, scene::Scene};
+use sage_core::{
+    files,
+    motion::Trajectory,
+    objective::Reason,
+    scene::{Scene, Track},
+};
 use sage_sim::{
     avoidable::Avoidable,
     episode::{End, Episode, Verdict},
+    vehicle::Motion,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::{
     contact_row::{ContactRow, step},
+    player::{self, Meeting, Panel},
     scene_queue::ROW_LIMIT,
     terminal,
 };
 
 /// One drive, as its file records it. Steps count from frame 10, *now*, which is step 0.
 #[derive(Serialize, Deserialize)]
-pub(super) struct DriveRow {
+pub(crate) struct DriveRow {
     /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
-    pub(super) run_hash: String,
+    pub(crate) run_hash: String,
     /// Name of the input file without its ending.
-    pub(super) scene: String,
+    pub(crate) scene: String,
     /// Driver and its options.
-    pub(super) ego: String,
+    pub(crate) ego: String,
     /// Track of the adversary.
-    pub(super) adversary: Option<String>,
+    pub(crate) adversary: Option<String>,
     /// Generator and operating point as in a row of `sage generate`; `method` and `lambda` are null without.
     #[serde(flatten)]
-    pub(super) described: Map<String, Value>,
+    pub(crate) described: Map<String, Value>,
     /// Number of steps after *now* that are recorded, at most 80: the drive ends there.
     #[serde(default)]
-    pub(super) horizon: usize,
+    pub(crate) horizon: usize,
     /// Number of steps from frame 0 to the end.
-    pub(super) steps: usize,
+    pub(crate) steps: usize,
     /// First step at which 95 % of the logged route are driven.
-    pub(super) arrived: Option<i64>,
+    pub(crate) arrived: Option<i64>,
     /// First step on a road edge that is not touched since the start; null if there is none.
-    pub(super) off_road: Option<i64>,
+    pub(crate) off_road: Option<i64>,
     /// Whether the map has road edges: without them `off_road` is not measured.
     #[serde(default = "measured")]
-    pub(super) off_road_measured: bool,
-    pub(super) end: RowEnd,
+    pub(crate) off_road_measured: bool,
+    pub(crate) end: RowEnd,
     /// Progress along the logged route by its length; null if that is below 5 m.
-    pub(super) completion: Option<f64>,
-    pub(super) contacts: Vec<ContactRow>,
+    pub(crate) completion: Option<f64>,
+    pub(crate) contacts: Vec<ContactRow>,
     /// x, y, heading and speed at each frame from 0 on: metres, radians, m/s.
-    pub(super) trajectory: Vec<[f64; 4]>,
+    pub(crate) trajectory: Vec<[f64; 4]>,
     /// The attack; null without.
-    pub(super) attack: Option<AttackRow>,
+    pub(crate) attack: Option<AttackRow>,
     /// Hash of the input file.
-    pub(super) source_hash: String,
-    pub(super) seed: u64,
+    pub(crate) source_hash: String,
+    pub(crate) seed: u64,
 }
 
 /// Rows of earlier versions do not say whether the map has edges.
@@ -63,29 +70,29 @@ fn measured() -> bool {
 /// Why a drive ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum RowEnd {
+pub(crate) enum RowEnd {
     Contact,
     Horizon,
 }
 
 /// The attack of a drive.
 #[derive(Serialize, Deserialize)]
-pub(super) struct AttackRow {
+pub(crate) struct AttackRow {
     /// The adversary's plan, frames 11 to 90.
-    pub(super) trajectory: Trajectory,
+    pub(crate) trajectory: Trajectory,
     /// Whether the plan is feasible by the paper's rule.
-    pub(super) feasible: bool,
+    pub(crate) feasible: bool,
     /// Whether the attack on the drive before is believable; null if it does not meet that drive.
-    pub(super) believable: Option<bool>,
+    pub(crate) believable: Option<bool>,
     /// Why not.
-    pub(super) unbelievable: Vec<Reason>,
+    pub(crate) unbelievable: Vec<Reason>,
     /// Whether the driver falls for it.
-    pub(super) verdict: Verdict,
+    pub(crate) verdict: Verdict,
     /// Step of the first contact without the attack.
-    pub(super) unattacked_contact: Option<i64>,
+    pub(crate) unattacked_contact: Option<i64>,
     /// Whether the drive before could evade the attack.
     #[serde(flatten)]
-    pub(super) avoidable: Avoidable,
+    pub(crate) avoidable: Avoidable,
 }
 
 /// A contact in words. `adversary` is the track of the adversary.
@@ -119,24 +126,24 @@ fn time(step: i64) -> String {
 }
 
 /// Whether an attack works, in words.
-pub(super) struct VerdictInWords {
-    pub(super) is_attack: bool,
-    pub(super) words: String,
+pub(crate) struct VerdictInWords {
+    pub(crate) is_attack: bool,
+    pub(crate) words: String,
 }
 
 /// What identifies a row and describes its attack.
-pub(super) struct RowHead<'a> {
-    pub(super) run_hash: &'a str,
-    pub(super) scene: &'a str,
-    pub(super) ego: &'a str,
-    pub(super) described: Map<String, Value>,
-    pub(super) source_hash: &'a str,
-    pub(super) seed: u64,
+pub(crate) struct RowHead<'a> {
+    pub(crate) run_hash: &'a str,
+    pub(crate) scene: &'a str,
+    pub(crate) ego: &'a str,
+    pub(crate) described: Map<String, Value>,
+    pub(crate) source_hash: &'a str,
+    pub(crate) seed: u64,
 }
 
 impl DriveRow {
     /// The row of an episode.
-    pub(super) fn new(head: RowHead, episode: &Episode, scene: &Scene, attack: Option<AttackRow>) -> Self {
+    pub(crate) fn new(head: RowHead, episode: &Episode, scene: &Scene, attack: Option<AttackRow>) -> Self {
         let state = |motion: &sage_sim::vehicle::Motion| {
             let [x, y] = motion.position;
             [x, y, motion.heading, motion.speed()]
@@ -165,13 +172,45 @@ impl DriveRow {
         }
     }
 
+    /// The drive of this row on a page. `contact` is the step of the planned contact with the drive before, which is
+    /// `unattacked`.
+    pub(crate) fn panel<'p>(
+        &'p self,
+        name: String,
+        episode: &'p Episode,
+        adversary: Option<&'p Track>,
+        unattacked: Option<&'p [Motion]>,
+        contact: Option<usize>,
+    ) -> Panel<'p> {
+        let attack = self.attack.as_ref();
+        Panel {
+            name,
+            id: String::new(),
+            sweep: None,
+            motions: player::shown_part(&episode.drive),
+            end: episode.drive.motions.len() - 1,
+            shown: &episode.drive.shown,
+            contact: episode.first_contacts().next().map(Meeting::from),
+            adversary,
+            unattacked,
+            evasion: contact.and_then(|contact| attack?.avoidable.evasion(contact)).map(|(_, rows)| rows),
+            verdict: self.verdict().map(|verdict| verdict.is_attack),
+            is_failed: false,
+            others: Vec::new(),
+            marks: Vec::new(),
+            badge: None,
+            note: self.note(),
+            ending: self.ending(),
+        }
+    }
+
     /// Reads a row; `None` if the file is missing or incomplete.
-    pub(super) fn read(path: &Path) -> Option<Self> {
+    pub(crate) fn read(path: &Path) -> Option<Self> {
         serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
     }
 
     /// Whether the attack works, and why not; `None` without an attack.
-    pub(super) fn verdict(&self) -> Option<VerdictInWords> {
+    pub(crate) fn verdict(&self) -> Option<VerdictInWords> {
         let attack = self.attack.as_ref()?;
         if attack.verdict.attack {
             return Some(VerdictInWords { is_attack: true, words: "attack".to_owned() });
@@ -191,7 +230,7 @@ impl DriveRow {
     }
 
     /// Whether the attack works and how the drive ended, in words.
-    pub(super) fn ending(&self) -> String {
+    pub(crate) fn ending(&self) -> String {
         let route = self.completion.map(|c| format!("{:.0} % of the route", 100.0 * c));
         let off_road = match self.off_road {
             _ if !self.off_road_measured => Some("off road not measured (the map has no edges)".to_owned()),
@@ -206,7 +245,7 @@ impl DriveRow {
     }
 
     /// The plan of the attack in words; empty without an attack.
-    pub(super) fn note(&self) -> String {
+    pub(crate) fn note(&self) -> String {
         let Some(attack) = &self.attack else { return String::new() };
         let planned = match (attack.believable, attack.feasible) {
             (None, _) => "it would not touch the ego there".to_owned(),
@@ -231,7 +270,7 @@ impl DriveRow {
     }
 
     /// The printed line; `variant` names attack and operating point.
-    pub(super) fn line(&self, variant: &str) -> String {
+    pub(crate) fn line(&self, variant: &str) -> String {
         let names = [&self.scene, &self.ego, variant].map(terminal::escaped_name).join(" ");
         let contact = match (self.end, self.contacts.first()) {
             (RowEnd::Contact, Some(contact)) => {

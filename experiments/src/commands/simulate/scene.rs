@@ -22,7 +22,7 @@ use super::{
 use crate::{
     ego::Ego,
     output::DatasetRun,
-    player::{self, Meeting, Panel, Sweep},
+    player::{self, Panel, Sweep},
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
 
@@ -260,28 +260,9 @@ impl SceneDrives<'_> {
         let sweep = driven.swept.filter(|_| is_sweep);
         let sweep = sweep.map(|(axis, value)| Sweep { group: driven.ego, axis, value });
         Some(match &driven.result {
-            DriveResult::Driven(episode, row) => Panel {
-                name,
-                id: String::new(),
-                sweep,
-                motions: player::shown_part(&episode.drive),
-                end: episode.drive.motions.len() - 1,
-                shown: &episode.drive.shown,
-                contact: episode.first_contacts().next().map(Meeting::from),
-                adversary: own,
-                unattacked,
-                evasion: driven
-                    .contact
-                    .and_then(|contact| row.attack.as_ref()?.avoidable.evasion(contact))
-                    .map(|(_, rows)| rows),
-                verdict: row.verdict().map(|verdict| verdict.is_attack),
-                is_failed: false,
-                others: Vec::new(),
-                marks: Vec::new(),
-                badge: None,
-                note: row.note(),
-                ending: row.ending(),
-            },
+            DriveResult::Driven(episode, row) => {
+                Panel { sweep, ..row.panel(name, episode, own, unattacked, driven.contact) }
+            }
             DriveResult::Failed(failure) => {
                 let drive = failure.drive.as_deref()?;
                 Panel {

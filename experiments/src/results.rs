@@ -1,0 +1,182 @@
+//! Results as the commands record and show them, for programs that embed the library: the rows of their files without what
+//! belongs to a run, pages and pictures.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use sage_bench::search::PlanSources;
+use sage_core::{
+    motion::Trajectory,
+    objective::{Context, ContextOptions},
+    scene::{Scene, SceneData},
+};
+use sage_data::{
+    Recording,
+    openscenario::{Export, Options},
+};
+use sage_sim::{
+    avoidable::{Avoidance, AvoidanceOptions},
+    drive::Drive,
+    episode::{Episode, Verdict},
+    search::{Pool, Requirement, SearchResult},
+    traffic::Plan,
+};
+use serde_json::{Map, Value};
+
+use crate::{
+    commands::{
+        search::row::{FailureRow, RowHead as SearchHead, SceneRow, failure_name},
+        simulate::{
+            attacks::PlannedAttack,
+            row::{DriveRow, RowHead},
+        },
+    },
+    contact_row::step,
+    drawing::{self, Picture, drawn_path},
+    player, scenario_files,
+};
+
+/// Fields of rows that say which run and file they are of.
+const OF_RUN: [&str; 4] = ["run_hash", "source_hash", "files", "variant"];
+
+/// A drive, and what attacked it.
+pub struct DriveResult<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Its name.
+    pub name: &'a str,
+    /// The driver.
+    pub ego: &'a str,
+    /// Seed of the drive.
+    pub seed: u64,
+    /// The drive.
+    pub episode: &'a Episode,
+    /// What attacked it; `None` for the scene as it is.
+    pub attack: Option<AttackOfDrive<'a>>,
+}
+
+/// An attack on a driver.
+#[derive(Clone, Copy)]
+pub struct AttackOfDrive<'a> {
+    /// The scene with the drive before the attack, which the attack was planned against.
+    pub ctx: &'a Context,
+    /// That drive.
+    pub before: &'a Drive,
+    /// The adversary's plan.
+    pub trajectory: &'a Trajectory,
+    /// Whether the driver falls for it.
+    pub verdict: Verdict,
+}
+
+impl DriveResult<'_> {
+    /// The row, and the step of the planned contact with the drive before.
+    fn parts(&self) -> Result<(DriveRow, Option<usize>)> {
+        let attack = self.attack.map(|attack| -> Result<_> {
+            let avoidance = Avoidance::new(attack.ctx, AvoidanceOptions::default())?;
+            let planned = PlannedAttack::of(attack.ctx, &avoidance, attack.trajectory.clone());
+            let contact = planned.contact;
+            Ok((planned.row(attack.verdict, attack.before), contact))
+        });
+        let (attack, contact) = attack.transpose()?.unzip();
+        let described = Map::new();
+        let head = RowHead {
+            run_hash: "",
+            scene: self.name,
+            ego: self.ego,
+            described,
+            source_hash: "",
+            seed: self.seed,
+        };
+        Ok((DriveRow::new(head, self.episode, self.scene, attack), contact.flatten()))
+    }
+
+    /// The row of `sage simulate`.
+    ///
+    /// *Errors*: those of the search for evasive manoeuvres.
+    pub fn row(&self) -> Result<Value> {
+        Ok(without_run(serde_json::to_value(self.parts()?.0)?))
+    }
+
+    /// How the drive ended, in words.
+    ///
+    /// *Errors*: as [`DriveResult::row`].
+    pub fn ending(&self) -> Result<String> {
+        Ok(self.parts()?.0.ending())
+    }
+
+    /// The page that plays it, with the drive before the attack beside it.
+    ///
+    /// *Errors*: as [`DriveResult::row`].
+    pub fn page(&self) -> Result<String> {
+        let (row, contact) = self.parts()?;
+        let plan = self.attack.map(|attack| Plan::of_adversary(self.scene, attack.trajectory)).transpose()?;
+        let logged = self.scene.adversary.map(|k| &self.scene.tracks[k]);
+        let adversary = plan.as_ref().map(|plan| &plan.motion).or(logged);
+        let unattacked = self.attack.map(|attack| player::shown_part(attack.before));
+        let panel = row.panel(self.ego.to_owned(), self.episode, adversary, unattacked, contact);
+        player::page(self.scene, [self.name, ""], &[panel], &[], 1, None)
+    }
+}
+
+/// Rows of a search of one scene: that of the scene, and one for each failure.
+///
+/// *Errors*: none but those of JSON.
+pub fn search_rows(
+    [scene, ego, adversary]: [&str; 3],
+    seed: u64,
+    require: Requirement,
+    before: &Drive,
+    (pool, result): (&Pool, &SearchResult),
+    plans: &PlanSources,
+) -> Result<(Value, Vec<Value>)> {
+    let head = SearchHead {
+        run_hash: String::new(),
+        scene: scene.to_owned(),
+        ego: ego.to_owned(),
+        source_hash: String::new(),
+        seed,
+        adversary: adversary.to_owned(),
+    };
+    let failures = result.failures.iter().enumerate().map(|(k, failure)| {
+        let (described, variant) = (Map::new(), failure_name(k + 1));
+        let source = plans.source(pool.plans[result.driven[failure.drive].plan].source);
+        let row = FailureRow::new((&head, &variant), Vec::new(), &described, pool, result, failure, source);
+        Ok(without_run(serde_json::to_value(row)?))
+    });
+    let failures = failures.collect::<Result<_>>()?;
+    let mut row = SceneRow::new(head.clone(), require, pool, result, |number| plans.source(number));
+    row.unattacked_contact = before.contacts.first().map(|contact| step(contact.step));
+    Ok((without_run(serde_json::to_value(row)?), failures))
+}
+
+/// Draws a scene with candidates of its adversary, each with its first contact with the ego.
+///
+/// *Errors*: candidates of a scene that cannot be attacked.
+pub fn picture(data: &SceneData, candidates: Vec<(String, Trajectory)>) -> Result<String> {
+    let mut drawn = Vec::with_capacity(candidates.len());
+    if !candidates.is_empty() {
+        let scene: &Arc<Scene> = &data.scene;
+        let ctx = Context::new(scene, &data.index, &ContextOptions::default())?;
+        drawn.extend(candidates.into_iter().map(|(name, trajectory)| drawn_path(name, &ctx, trajectory)));
+    }
+    let picture = Picture { title: data.name.clone(), candidates: drawn, ..Picture::default() };
+    Ok(drawing::draw(&data.scene, &picture))
+}
+
+/// A recording as an OpenSCENARIO file: name and text of its OpenDRIVE map, and the text of the scenario.
+///
+/// *Errors*: a native file whose source is damaged.
+pub fn scenario(recording: &Recording) -> Result<(String, String, String)> {
+    let options = Options { license: scenario_files::license(recording)?, ..Options::default() };
+    let export = Export::new(&recording.scene, options);
+    let scenario = export.scenario(&recording.scene, &scenario_files::provenance(recording)?);
+    let network = export.network();
+    Ok((network.file_name(), network.xml.clone(), scenario))
+}
+
+fn without_run(mut row: Value) -> Value {
+    if let Some(fields) = row.as_object_mut() {
+        fields.retain(|name, _| !OF_RUN.contains(&&**name));
+    }
+    row
+}

@@ -1,0 +1,78 @@
+//! Folders of scenes, read one at a time.
+
+use std::path::PathBuf;
+
+use pyo3::{exceptions::PyIndexError, prelude::*};
+use sage_data::{ReadOptions, dataset::Shard, folder};
+
+use crate::{
+    errors::{OptionError, detached},
+    scene::{PyScene, Reading},
+};
+
+/// The scenes of a folder, in natural order. A scene is read each time that it is asked for.
+#[pyclass(frozen, module = "advsage", name = "Scenes", sequence)]
+pub(crate) struct PyScenes {
+    folder: PathBuf,
+    files: Vec<PathBuf>,
+    reading: Reading,
+}
+
+#[pymethods]
+impl PyScenes {
+    /// Paths of the files; a record of a TFRecord file is `FILE#3`.
+    #[getter]
+    fn paths(&self) -> Vec<String> {
+        self.files.iter().map(|file| file.display().to_string()).collect()
+    }
+
+    fn __len__(&self) -> usize {
+        self.files.len()
+    }
+
+    fn __getitem__(&self, py: Python<'_>, number: isize) -> PyResult<PyScene> {
+        let count = self.files.len();
+        let at = if number < 0 { number + count as isize } else { number };
+        let file = usize::try_from(at).ok().and_then(|at| self.files.get(at));
+        let file =
+            file.ok_or_else(|| PyIndexError::new_err(format!("there is no scene {number} of {count}")))?;
+        detached(py, || self.reading.read(file))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Scenes of '{}': {}>", self.folder.display(), self.files.len())
+    }
+}
+
+/// Lists the scenes of a folder: files of any format, the files of a data set's summary, and records of TFRecord files. No scene is
+/// read before it is asked for.
+///
+/// `shard=(K, N)` takes the K-th of N parts (K from 1), the same as `sage generate --shard K/N`.
+#[pyfunction]
+#[pyo3(signature = (path, *, shard=None, now=None, resample=false, trust_positions=false, strict=false, keep_source=true))]
+#[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
+pub(crate) fn load_folder(
+    py: Python<'_>,
+    path: PathBuf,
+    shard: Option<(u32, u32)>,
+    now: Option<usize>,
+    resample: bool,
+    trust_positions: bool,
+    strict: bool,
+    keep_source: bool,
+) -> PyResult<PyScenes> {
+    let shard = shard.map(|(number, of)| format!("{number}/{of}").parse::<Shard>());
+    let shard = shard.transpose().map_err(|problem| OptionError::new_err(format!("shard: {problem}")))?;
+    let reading = Reading { options: ReadOptions { now, resample, trust_positions, strict }, keep_source };
+    detached(py, || {
+        let mut files = folder::scene_files(&path)?;
+        if let Some(shard) = shard {
+            // A record that cannot be named fails when it is read.
+            let names = files.iter().map(|file| folder::scene_name(file).unwrap_or_default());
+            let (names, _) = folder::output_names(&path, &files, &names.collect::<Vec<_>>());
+            let mut names = names.into_iter().map(|name| name + &reading.options.suffix());
+            files.retain(|_| names.next().is_some_and(|name| shard.holds(&name)));
+        }
+        Ok(PyScenes { folder: path, files, reading })
+    })
+}

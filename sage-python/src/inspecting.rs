@@ -1,0 +1,164 @@
+//! What a scene holds and can be used for, other formats, and pictures.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use experiments::results;
+use pyo3::{prelude::*, types::PyDict};
+use sage_core::{
+    files::{Existing, write},
+    objective::{Context, ContextOptions},
+    scene::SceneData,
+};
+use sage_data::{Error, Recording, checks::Summary, womd};
+use sage_sim::SimScene;
+
+use crate::{
+    attack::PyAttack,
+    errors::{OptionError, UnknownName, detached},
+    many::Item,
+    scene::PyScene,
+    values,
+};
+
+/// Summary of a scene or of a scene file, as `sage inspect --json` prints it, with `capabilities`: why it cannot be attacked or
+/// driven (None if it can), and whether its map has road edges and its recording traffic lights.
+#[pyfunction]
+pub(crate) fn inspect<'py>(py: Python<'py>, scene: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let item = Item::of(scene)?;
+    let (data, summary) = detached(py, || {
+        let (_, shared) = item.read()?;
+        let summary = Summary::of(&shared.0.name, &shared.0.scene);
+        Ok((shared.0, summary))
+    })?;
+    let [attack, drive] = detached(py, || Ok([why_not(attackable(&data)), why_not(drivable(&data))]))?;
+    let row = values::from_serde(py, &summary)?;
+    let capabilities = PyDict::new(py);
+    capabilities.set_item("attack", attack)?;
+    capabilities.set_item("drive", drive)?;
+    capabilities.set_item("road_edges", data.scene.map.has_edges())?;
+    capabilities.set_item("traffic_lights", !data.scene.lights.is_empty())?;
+    row.set_item("capabilities", capabilities)?;
+    Ok(row)
+}
+
+fn why_not(outcome: Result<()>) -> Option<String> {
+    outcome.err().map(|error| format!("{error:#}"))
+}
+
+fn attackable(data: &SceneData) -> Result<()> {
+    data.scene.attackable_horizon()?;
+    data.scene.check_apart_now()?;
+    Context::new(&data.scene, &data.index, &ContextOptions::default())?;
+    Ok(())
+}
+
+fn drivable(data: &SceneData) -> Result<()> {
+    SimScene::new(data.scene.clone(), data.index.clone())?;
+    Ok(())
+}
+
+/// Writes a scene in another format and returns the paths of the files. Replaces files.
+///
+/// `to` is `"pickle"` (MetaDrive, ScenarioNet), `"native"` (.safetensors), `"womd"` (a TFRecord file) or `"openscenario"` (.xosc, with
+/// its OpenDRIVE map beside it); without it the ending of `path` decides.
+#[pyfunction]
+#[pyo3(signature = (scene, path, *, to=None))]
+pub(crate) fn convert(
+    py: Python<'_>,
+    scene: &Bound<'_, PyAny>,
+    path: PathBuf,
+    to: Option<&str>,
+) -> PyResult<Vec<String>> {
+    let item = Item::of(scene)?;
+    let of_ending = || match path.extension().and_then(|ending| ending.to_str()) {
+        Some("pkl") => Some("pickle"),
+        Some("safetensors") => Some("native"),
+        Some("xosc") => Some("openscenario"),
+        Some("tfrecord") => Some("womd"),
+        _ => None,
+    };
+    let to = to.or_else(of_ending).ok_or_else(|| {
+        OptionError::new_err(format!(
+            "`{}` ends in none of .pkl, .safetensors, .xosc, .tfrecord; say to='pickle', 'native', 'openscenario' or 'womd'",
+            path.display()
+        ))
+    })?;
+    let known = ["pickle", "native", "openscenario", "womd"];
+    if !known.contains(&to) {
+        return Err(UnknownName::new_err(format!("unknown format `{to}`; known: {}", known.join(", "))));
+    }
+    detached(py, || {
+        let scene = PyScene::of_shared(item.read()?.1);
+        let mut files = Vec::new();
+        match to {
+            "pickle" | "native" => files.push((path, scene.bytes(to == "native")?)),
+            _ => {
+                // With what a derived scene says of itself.
+                let recording = Recording::from_bytes(&scene.origin.path, scene.bytes(true)?)?;
+                if to == "womd" {
+                    files.push((path, womd::frame(&recording.to_scenario()?.data)));
+                } else {
+                    let (map, network, scenario) = results::scenario(&recording)?;
+                    files.push((path.with_file_name(map), network.into_bytes()));
+                    files.push((path, scenario.into_bytes()));
+                }
+            }
+        }
+        for (path, bytes) in &files {
+            write(path, bytes, Existing::Replace)
+                .map_err(|source| Error::Write { path: path.clone(), source })?;
+        }
+        Ok(files.into_iter().map(|(path, _)| path.display().to_string()).collect())
+    })
+}
+
+/// A picture of a scene from above, with the selected candidate of an attack. In a notebook it shows itself.
+#[pyfunction]
+#[pyo3(signature = (scene, attack=None))]
+pub(crate) fn draw(
+    py: Python<'_>,
+    scene: &Bound<'_, PyAny>,
+    attack: Option<&Bound<'_, PyAttack>>,
+) -> PyResult<PyPicture> {
+    let item = Item::of(scene)?;
+    let plan = attack.map(|attack| attack.get().attack.trajectory().clone());
+    let svg = detached(py, || {
+        let (_, shared) = item.read()?;
+        let candidates = plan.map(|plan| ("attack".to_owned(), plan)).into_iter().collect();
+        results::picture(&shared.0, candidates)
+    })?;
+    Ok(PyPicture { svg })
+}
+
+/// A picture as SVG.
+#[pyclass(frozen, module = "advsage", name = "Picture")]
+pub(crate) struct PyPicture {
+    svg: String,
+}
+
+#[pymethods]
+impl PyPicture {
+    /// Its text.
+    #[getter]
+    fn svg(&self) -> &str {
+        &self.svg
+    }
+
+    /// Writes it. Replaces a file.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        detached(py, || {
+            write(&path, self.svg.as_bytes(), Existing::Replace)
+                .map_err(|source| Error::Write { path: path.clone(), source })?;
+            Ok(())
+        })
+    }
+
+    fn _repr_svg_(&self) -> &str {
+        &self.svg
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Picture: SVG, {} kB>", self.svg.len() / 1000)
+    }
+}

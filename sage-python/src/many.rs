@@ -1,0 +1,150 @@
+//! Many scenes at once: where they come from, and their attacks.
+
+use std::{path::PathBuf, sync::Mutex};
+
+use pyo3::{prelude::*, types::PyIterator};
+use sage_core::generator::Attack;
+use sage_data::ReadOptions;
+
+use crate::{
+    ahead::{Ahead, threads},
+    attack::PyAttack,
+    errors::{OptionError, detached, to_python},
+    generator::PyGenerator,
+    parts::Driver,
+    scene::{PyScene, Reading, Shared},
+};
+
+/// A scene of a list: loaded, or the path of its file.
+pub(crate) enum Item {
+    Scene(Py<PyScene>, Shared),
+    Path(PathBuf),
+}
+
+impl Item {
+    /// The item of a value of Python.
+    ///
+    /// *Errors*: neither a scene nor a path.
+    pub(crate) fn of(value: &Bound<'_, PyAny>) -> PyResult<Self> {
+        if let Ok(scene) = value.cast::<PyScene>() {
+            return Ok(Self::Scene(scene.clone().unbind(), scene.get().shared()));
+        }
+        let path = value.extract().map_err(|_| {
+            let class = value.get_type().name().map_or("value".to_owned(), |name| name.to_string());
+            OptionError::new_err(format!("scenes holds a {class}; expected scenes and paths of scene files"))
+        })?;
+        Ok(Self::Path(path))
+    }
+
+    /// The scene, read if it is not loaded. Its object of Python comes along if it has one.
+    ///
+    /// *Errors*: a file that is no scene.
+    pub(crate) fn read(self) -> anyhow::Result<(Option<Py<PyScene>>, Shared)> {
+        Ok(match self {
+            Self::Scene(object, shared) => (Some(object), shared),
+            Self::Path(path) => {
+                let reading = Reading { options: ReadOptions::default(), keep_source: true };
+                (None, reading.read(&path)?.shared())
+            }
+        })
+    }
+}
+
+/// The object of a scene that was read.
+pub(crate) fn object(py: Python<'_>, object: Option<Py<PyScene>>, shared: Shared) -> PyResult<Py<PyScene>> {
+    object.map_or_else(|| Py::new(py, PyScene::of_shared(shared)), Ok)
+}
+
+/// What becomes of one scene of a list.
+type Attacked = (
+    Option<Py<PyScene>>,
+    Shared,
+    std::sync::Arc<crate::generator::Built>,
+    std::sync::Arc<sage_core::scene::SceneData>,
+    Attack,
+);
+
+/// Attacks on many scenes, in their order.
+#[pyclass(module = "advsage._advsage", name = "Attacks", frozen)]
+pub(crate) struct PyAttacks {
+    generator: Py<PyGenerator>,
+    scenes: Py<PyIterator>,
+    driver: Driver,
+    seed: u64,
+    /// `None` for a planner of Python, which is called on the caller's thread.
+    ahead: Option<Mutex<Ahead<Item, Attacked>>>,
+}
+
+#[pymethods]
+impl PyAttacks {
+    fn __iter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    fn __next__(slf: &Bound<'_, Self>) -> PyResult<Option<PyAttack>> {
+        let (py, this) = (slf.py(), slf.get());
+        let mut scenes = this.scenes.bind(py).clone();
+        let Some(ahead) = &this.ahead else {
+            let Some(scene) = scenes.next() else { return Ok(None) };
+            py.check_signals()?;
+            let (item, generator) = (Item::of(&scene?)?, this.generator.get());
+            let attacked = detached(py, || attacked(item, generator, &this.driver, this.seed))?;
+            return this.attack(py, attacked).map(Some);
+        };
+        let Ok(mut ahead) = ahead.try_lock() else {
+            return Err(OptionError::new_err(
+                "another thread takes attacks from this iterator; use one iterator a thread",
+            ));
+        };
+        while ahead.wants_more() {
+            let Some(scene) = scenes.next() else { break };
+            ahead.give(Item::of(&scene?)?);
+        }
+        match ahead.take(py)? {
+            Some(Ok(attacked)) => this.attack(py, attacked).map(Some),
+            Some(Err(error)) => Err(to_python(py, &error)),
+            None => Ok(None),
+        }
+    }
+}
+
+impl PyAttacks {
+    fn attack(&self, py: Python<'_>, (scene, shared, built, seen, attack): Attacked) -> PyResult<PyAttack> {
+        let scene = object(py, scene, shared)?;
+        Ok(PyAttack::new(self.generator.clone_ref(py), built, scene, seen, attack, self.seed))
+    }
+}
+
+fn attacked(item: Item, generator: &PyGenerator, driver: &Driver, seed: u64) -> anyhow::Result<Attacked> {
+    let (object, shared) = item.read()?;
+    let built = generator.of_seed(seed)?;
+    let (seen, attack) = built.attack(&shared.0, driver, seed)?;
+    Ok((object, shared, built, seen, attack))
+}
+
+/// Attacks many scenes in parallel: an iterator of `Attack`, in the order of the scenes, a few scenes ahead.
+///
+/// `scenes` holds scenes and paths of scene files; paths are read in the threads. A scene that fails raises at its place, and the
+/// iterator goes on behind it. Bits do not depend on `threads` (all processors by default). Ctrl-C stops it.
+#[pyfunction]
+#[pyo3(signature = (generator, scenes, *, ego=None, seed=0, threads=None))]
+pub(crate) fn generate_many(
+    py: Python<'_>,
+    generator: Py<PyGenerator>,
+    scenes: &Bound<'_, PyAny>,
+    ego: Option<&Bound<'_, PyAny>>,
+    seed: u64,
+    threads: Option<usize>,
+) -> PyResult<PyAttacks> {
+    let driver = Driver::of_optional(py, ego, "replay")?;
+    let threads = self::threads(threads)?;
+    let scenes = scenes.try_iter()?.unbind();
+    let ahead = if driver.planner.is_some() {
+        None
+    } else {
+        let (generator, driver) = (generator.clone_ref(py), driver.clone());
+        let work = move |item| attacked(item, generator.get(), &driver, seed);
+        Some(Mutex::new(Ahead::new(threads, work)?))
+    };
+    Ok(PyAttacks { generator, scenes, driver, seed, ahead })
+}

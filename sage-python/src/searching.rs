@@ -1,0 +1,206 @@
+//! Searches with the driver in the loop.
+
+use std::sync::{Arc, Mutex};
+
+use anyhow::{Result, bail};
+use experiments::results::search_rows;
+use pyo3::{
+    prelude::*,
+    types::{PyDict, PyIterator, PyList},
+};
+use sage_bench::named_search::{NamedSearch, SearchSpec};
+use sage_core::scene::SceneData;
+use sage_sim::{
+    SimScene,
+    attack_test::AttackTest,
+    search::{MOST_PLANS, Order, Reason, Requirement, SearchOptions},
+};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::{
+    ahead::{Ahead, threads},
+    errors::{OptionError, UnknownName, detached, to_python},
+    generator::{part, points},
+    many::{Item, object},
+    parts::{Driver, registries},
+    scene::{PyScene, Shared},
+    values,
+};
+
+/// What searches scenes.
+struct Searcher {
+    named: NamedSearch,
+    driver: Driver,
+    options: SearchOptions,
+    seed: u64,
+}
+
+impl Searcher {
+    /// The rows of a scene: its own, and one for each failure.
+    fn search(&self, scene: &SceneData) -> Result<(Value, Vec<Value>)> {
+        scene.scene.attackable_horizon()?;
+        scene.scene.check_apart_now()?;
+        let simulated = SimScene::new(scene.scene.clone(), scene.index.clone())?;
+        let test = AttackTest::new(&*self.driver.policy, &simulated, self.seed)?;
+        let ctx = test.context()?;
+        ctx.check_apart_now()?;
+        let rule = &self.named.rule.objective;
+        let found = self.named.plans.search(&test, &ctx, rule, &self.options, self.seed)?;
+        let (pool, result) = (&found.0, &found.1);
+        if result.reason == Some(Reason::Error) {
+            let first = result.driven.first().and_then(|driven| driven.error.clone()).unwrap_or_default();
+            bail!("every attacked drive ended in an error; the first: {first}");
+        }
+        let names = [&*scene.name, &self.driver.label, &ctx.adversary().id];
+        search_rows(
+            names,
+            self.seed,
+            self.options.require,
+            test.unattacked(),
+            (pool, result),
+            &self.named.plans,
+        )
+    }
+}
+
+/// What becomes of one scene.
+type Searched = (Option<Py<PyScene>>, Shared, Value, Vec<Value>);
+
+fn searched(item: Item, searcher: &Searcher) -> Result<Searched> {
+    let (object, shared) = item.read()?;
+    let (row, failures) = searcher.search(&shared.0)?;
+    Ok((object, shared, row, failures))
+}
+
+/// Scenes with what a search found in them, in their order.
+#[pyclass(module = "advsage._advsage", name = "Searched", frozen)]
+pub(crate) struct PySearched {
+    searcher: Arc<Searcher>,
+    scenes: Py<PyIterator>,
+    /// `None` for a planner of Python, which is called on the caller's thread.
+    ahead: Option<Mutex<Ahead<Item, Searched>>>,
+}
+
+#[pymethods]
+impl PySearched {
+    fn __iter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// A scene, its row, and the rows of its failures.
+    fn __next__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<Option<(Py<PyScene>, Bound<'py, PyAny>, Bound<'py, PyList>)>> {
+        let (py, this) = (slf.py(), slf.get());
+        let mut scenes = this.scenes.bind(py).clone();
+        let searched = match &this.ahead {
+            None => {
+                let Some(scene) = scenes.next() else { return Ok(None) };
+                py.check_signals()?;
+                let item = Item::of(&scene?)?;
+                let searched = detached(py, || searched(item, &this.searcher))?;
+                // An interrupt is no error of the driver.
+                this.searcher.driver.raise_interrupt()?;
+                searched
+            }
+            Some(ahead) => {
+                let Ok(mut ahead) = ahead.try_lock() else {
+                    return Err(OptionError::new_err("another thread takes results from this iterator"));
+                };
+                while ahead.wants_more() {
+                    let Some(scene) = scenes.next() else { break };
+                    ahead.give(Item::of(&scene?)?);
+                }
+                match ahead.take(py)? {
+                    Some(Ok(searched)) => searched,
+                    Some(Err(error)) => return Err(to_python(py, &error)),
+                    None => return Ok(None),
+                }
+            }
+        };
+        let (scene, shared, row, failures) = searched;
+        let failures = failures.iter().map(|row| values::from_json(py, row)).collect::<PyResult<Vec<_>>>()?;
+        let scene = object(py, scene, shared)?;
+        Ok(Some((scene, values::from_json(py, &row)?, PyList::new(py, failures)?)))
+    }
+}
+
+/// A value of a list of words.
+fn word<T: DeserializeOwned>(what: &str, text: &str, known: &str) -> PyResult<T> {
+    serde_json::from_value(text.into())
+        .map_err(|_| UnknownName::new_err(format!("unknown {what} `{text}`; known: {known}")))
+}
+
+/// Searches scenes, one after another; `advsage.search` gathers what this finds.
+#[pyfunction]
+#[pyo3(signature = (scenes, ego, *, method=None, weights=None, lambda_=None, aggression=None, mix=None, mu=None, selection="natural",
+    feasibility=None, merger="linear", options=None, budget=64, require=None, first=false, order="surrogate",
+    plans=MOST_PLANS, seed=0, threads=None))]
+#[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
+pub(crate) fn search_each(
+    py: Python<'_>,
+    scenes: &Bound<'_, PyAny>,
+    ego: &Bound<'_, PyAny>,
+    method: Option<&str>,
+    weights: Option<String>,
+    lambda_: Option<f64>,
+    aggression: Option<f64>,
+    mix: Option<Bound<'_, PyDict>>,
+    mu: Option<f64>,
+    selection: &str,
+    feasibility: Option<&str>,
+    merger: &str,
+    options: Option<Bound<'_, PyDict>>,
+    budget: usize,
+    require: Option<&str>,
+    first: bool,
+    order: &str,
+    plans: usize,
+    seed: u64,
+    threads: Option<usize>,
+) -> PyResult<PySearched> {
+    let driver = Driver::of(py, ego)?;
+    let require = require.map(str::parse::<Requirement>).transpose().map_err(OptionError::new_err)?;
+    let require = require.unwrap_or_default();
+    let order: Order = word("order", order, "surrogate, random, pool")?;
+    if budget == 0 || plans == 0 {
+        return Err(OptionError::new_err(format!(
+            "budget is {budget} and plans {plans}; expected at least 1 of each"
+        )));
+    }
+    let options = values::options("options", options.as_ref())?;
+    let mut method = method.map(part).transpose()?;
+    match &mut method {
+        Some(method) => method.options.extend(options),
+        None if !options.is_empty() => {
+            return Err(OptionError::new_err("options needs a generator; name it, such as method='sage'"));
+        }
+        None => {}
+    }
+    let spec = SearchSpec {
+        method,
+        selection: selection.to_owned(),
+        feasibility: feasibility.map(part).transpose()?,
+        merger: part(merger)?,
+        weights,
+        points: points(lambda_, aggression, mix.as_ref(), mu, None)?,
+        plans,
+        seed,
+    };
+    let threads = self::threads(threads)?;
+    let scenes = scenes.try_iter()?.unbind();
+    let options = SearchOptions { budget, require, first, order, ..SearchOptions::default() };
+    let is_python = driver.planner.is_some();
+    let searcher = Arc::new(detached(py, || {
+        let named = spec.build(registries()?, |_| {})?;
+        Ok(Searcher { named, driver, options, seed })
+    })?);
+    let ahead = if is_python {
+        None
+    } else {
+        let searcher = searcher.clone();
+        Some(Mutex::new(Ahead::new(threads, move |item| searched(item, &searcher))?))
+    };
+    Ok(PySearched { searcher, scenes, ahead })
+}

@@ -5,7 +5,7 @@
 //! - `scenes` lists and reads the scenes of a command, `scene_queue` works on them in parallel with rows that resume, and `output` writes
 //!   folders, files and the record of a run.
 //! - `networks` loads weights by name, and `run_generator` builds the generator of `generate` and `simulate`. [`results`] gives other programs
-//!   their rows and pages.
+//!   their rows and pages, [`generate_job`] one command.
 //! - `drawing` draws scenes, `player` plays drives, `listing` lists results, `bench` times the program, and `terminal`, `progress` and `signals` talk to the user.
 //!
 //! ```no_run
@@ -28,6 +28,7 @@ mod commands;
 pub mod contact_row;
 mod dispatch;
 pub mod drawing;
+pub mod generate_job;
 mod html_page;
 mod input;
 mod junit;
@@ -81,7 +82,7 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
         }
         Err(error) => {
             progress::say(&format!("error: {error:#}"));
-            outcome::code_of(&error)
+            outcome::code_of(&error).into()
         }
     }
 }

@@ -27,23 +27,30 @@ const BAD_SCENES: u8 = 65;
 /// `EX_IOERR` of `sysexits.h`.
 const RETRY: u8 = 74;
 
-impl From<Outcome> for ExitCode {
-    fn from(outcome: Outcome) -> Self {
-        match outcome {
-            Outcome::Done => Self::SUCCESS,
-            Outcome::NotHeld => Self::FAILURE,
-            Outcome::BadScenes => Self::from(BAD_SCENES),
-            Outcome::Retry => Self::from(RETRY),
+impl Outcome {
+    /// The exit code.
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::NotHeld => 1,
+            Self::BadScenes => BAD_SCENES,
+            Self::Retry => RETRY,
         }
     }
 }
 
-/// The exit code of a command that an error ended.
-pub(crate) fn code_of(error: &anyhow::Error) -> ExitCode {
-    if may_succeed_later(error) {
-        return Outcome::Retry.into();
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> Self {
+        Self::from(outcome.code())
     }
-    error.downcast_ref().map_or(ExitCode::FAILURE, |EndsWith(outcome, _)| (*outcome).into())
+}
+
+/// The exit code of a command that an error ended.
+pub(crate) fn code_of(error: &anyhow::Error) -> u8 {
+    if may_succeed_later(error) {
+        return Outcome::Retry.code();
+    }
+    error.downcast_ref().map_or(1, |EndsWith(outcome, _)| outcome.code())
 }
 
 /// An error that ends a command with another outcome than failure.

@@ -24,7 +24,7 @@ use sage_data::dataset::Shard;
 use crate::{ego::Ego, progress, terminal};
 
 pub(crate) use claims::{Claims, ShardState, ranges};
-pub(crate) use command_line::{command, command_with, program, quoted, stand_for};
+pub(crate) use command_line::{command, command_with, identify_by, program, quoted, stand_for};
 pub(crate) use dataset_run::{DatasetRun, Ended, run_hash};
 pub(crate) use inputs::Inputs;
 pub(crate) use manifest::{Counts, FileRecord, MANIFEST, SceneRecord, State, has_shards};

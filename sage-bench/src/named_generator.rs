@@ -117,7 +117,7 @@ pub(crate) fn dial(
     merger: &Part,
     notes: &mut Vec<String>,
 ) -> Result<Aggression> {
-    let weights = weights.context("a dial needs experts; name their folder with --weights")?;
+    let weights = weights.context("a dial needs experts; name weights that hold some")?;
     let dial = find_dial(&weights.name, &weights.experts, selection)?;
     notes.extend(note_on_merger(&dial, &merger.to_string()));
     Ok(dial.mu)

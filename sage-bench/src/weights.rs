@@ -144,7 +144,7 @@ fn find(name: &str) -> Result<Weights> {
         }
         WAYMO | WAYMO_PAPER => recorded(name)?.map(Weights::File).ok_or_else(|| {
             Error::Unknown(format!(
-                "no weights `{name}`: there is no `weights/{name}/{PRIOR_FILE}` in this folder, and {WEIGHTS_VARIABLE} is not set or holds none; use --weights procedural, or a folder"
+                "no weights `{name}`: there is no `weights/{name}/{PRIOR_FILE}` in this folder, and {WEIGHTS_VARIABLE} is not set or holds none; use the weights `procedural`, or a folder"
             ))
             .into()
         }),

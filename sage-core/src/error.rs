@@ -48,7 +48,7 @@ pub enum Error {
     /// Ego and adversary overlap *now*, so no attack can be measured ([`crate::objective::violation::CONTACT_NOW`]).
     #[error(
         "scene `{scene}`: contact_now: the boxes of ego `{ego}` and adversary `{adversary}` overlap at frame {}, so no \
-         attack can be measured; name another adversary with --adversary",
+         attack can be measured; name another track as the adversary",
         crate::motion::NOW
     )]
     ContactNow {

@@ -61,6 +61,15 @@ pub(crate) fn caught<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Res
     })
 }
 
+/// Panics, so that a test can see what becomes of it.
+///
+/// *Errors*: always.
+#[pyfunction]
+#[pyo3(name = "_panic")]
+pub(crate) fn panicking(py: Python<'_>) -> PyResult<()> {
+    detached(py, || panic!("on purpose"))
+}
+
 /// A panic of a library.
 #[derive(Debug)]
 struct Panicked(String);

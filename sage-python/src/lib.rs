@@ -10,6 +10,7 @@ mod errors;
 mod folder;
 mod generator;
 mod inspecting;
+mod job;
 mod made_once;
 mod many;
 mod observation;
@@ -40,6 +41,8 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<many::PyAttacks>()?;
     module.add_class::<searching::PySearched>()?;
     module.add_class::<inspecting::PyPicture>()?;
+    module.add_function(wrap_pyfunction!(errors::panicking, module)?)?;
+    module.add_function(wrap_pyfunction!(job::run_generate, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::inspect, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::convert, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::draw, module)?)?;

@@ -1,6 +1,6 @@
 //! The command line as output files record it, and the identity of the program.
 
-use std::sync::OnceLock;
+use std::{path::Path, sync::OnceLock};
 
 /// Flags that do not change the result of a command, and whether a value follows each. Output files record
 /// the command without them, so that equal results are equal bytes.
@@ -16,6 +16,14 @@ const WITHOUT_EFFECT: [(&str, bool); 7] = [
 
 /// Arguments of the run that this process joins.
 static JOINED: OnceLock<Vec<String>> = OnceLock::new();
+
+/// Identity of the program, if it is another one than the executable of this process.
+static PROGRAM: OnceLock<String> = OnceLock::new();
+
+/// Names the file that identifies the program, where the executable of this process does not: a module of an interpreter.
+pub(crate) fn identify_by(file: &Path) {
+    let _ = PROGRAM.set(program_of(file));
+}
 
 /// Lets this process write what a run with other arguments would write.
 pub(crate) fn stand_for(arguments: Vec<String>) {
@@ -85,9 +93,14 @@ pub(crate) fn quoted(argument: String) -> String {
 
 /// Identity of this build of the program. Only the same build resumes a run.
 pub(crate) fn program() -> String {
+    let own = || program_of(&std::env::current_exe().unwrap_or_default());
+    PROGRAM.get().cloned().unwrap_or_else(own)
+}
+
+fn program_of(file: &Path) -> String {
     let hash = || -> std::io::Result<String> {
         let mut hasher = blake3::Hasher::new();
-        hasher.update_reader(std::fs::File::open(std::env::current_exe()?)?)?;
+        hasher.update_reader(std::fs::File::open(file)?)?;
         Ok(hasher.finalize().to_hex()[..16].to_owned())
     };
     hash().unwrap_or_else(|_| env!("CARGO_PKG_VERSION").to_owned())

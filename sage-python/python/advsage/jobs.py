@@ -1,0 +1,139 @@
+"""Large runs of `generate`: in this process, or shared out by Ray.
+
+    python -m advsage.jobs generate scenes/ --lambda 1 --out attacked/
+    python -m advsage.jobs generate scenes/ --lambda 1 --out attacked/ --engine ray --shards 64
+
+Options are those of `sage generate`; file names, format and resumption are the command's own, so a folder that one engine began another
+finishes. Ray hands out numbers of shards, never scenes, and workers need a file system that they share. Exit codes: 0 all is done, 2 wrong
+usage, 65 done but scenes are bad, 74 an input or output error that another try may pass, 1 anything else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+
+from . import _advsage
+
+RETRY = 74
+WAIT = 10.0  # seconds until a shard is tried again: another process may still hold it
+
+
+class Retry(Exception):
+    """A shard that another try may finish."""
+
+
+def run_shard(words, shard, cores, folder):
+    """Runs a shard in a process of its own, from the folder where the job was started. Returns exit code and messages."""
+    command = [sys.executable, "-m", "advsage.jobs", "generate", *words, "--threads", str(cores), "--shard", shard]
+    done = subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if done.returncode == RETRY:
+        time.sleep(WAIT)
+        raise Retry(done.stderr)
+    return shard, done.returncode, done.stderr
+
+
+class _Actor:
+    """An actor of Ray Data, for shards that a batch names."""
+
+    def __init__(self, words, cores, folder):
+        self.about = words, cores, folder
+
+    def __call__(self, batch):
+        words, cores, folder = self.about
+        done = [run_shard(words, str(shard), cores, folder) for shard in batch["item"]]
+        return {name: [row[k] for row in done] for k, name in enumerate(("shard", "code", "said"))}
+
+
+def by_tasks(words, shards, cores, retries):
+    """Runs shards as tasks of Ray. Yields what came of each; of one that failed too often why."""
+    import ray
+
+    task = ray.remote(num_cpus=cores, max_retries=retries, retry_exceptions=[Retry])(run_shard)
+    tasks = {task.remote(words, shard, cores, os.getcwd()): shard for shard in shards}
+    waiting = list(tasks)
+    while waiting:
+        [ready], waiting = ray.wait(waiting)
+        try:
+            yield ray.get(ready)
+        except ray.exceptions.RayError as error:
+            yield tasks[ready], RETRY, str(error)
+
+
+def by_data(words, shards, cores, retries):
+    """The same in a pool of actors of Ray Data, which starts actors anew that died."""
+    import ray
+
+    size = max(int(ray.cluster_resources().get("CPU", 1)) // cores, 1)
+    data = ray.data.from_items(shards, override_num_blocks=len(shards))
+    options = {"max_restarts": retries, "max_task_retries": retries}
+    rows = data.map_batches(
+        _Actor,
+        fn_constructor_args=(words, cores, os.getcwd()),
+        batch_size=1,
+        compute=ray.data.ActorPoolStrategy(size=size),
+        num_cpus=cores,
+        **options,
+    )
+    missing = set(shards)
+    try:
+        for row in rows.iter_rows():
+            missing.discard(row["shard"])
+            yield row["shard"], row["code"], row["said"]
+    except ray.exceptions.RayError as error:
+        for shard in sorted(missing):
+            yield shard, RETRY, str(error)
+
+
+ENGINES = {"ray": by_tasks, "ray-data": by_data}
+
+
+def generate(words, engine="local", shards=None, cores=2, retries=5):
+    """Runs `sage generate` with these words and returns its exit code."""
+    if engine == "local":
+        return _advsage.run_generate(words)
+    import ray
+
+    if not ray.is_initialized():
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        ray.init(logging_level="error", include_dashboard=False)
+    count = shards or max(4 * int(ray.cluster_resources().get("CPU", 1)) // cores, 1)
+    names = [f"{k}/{count}" for k in range(1, count + 1)]
+    worst = 0
+    for shard, code, said in ENGINES[engine](words, names, cores, retries):
+        if code:
+            print(f"shard {shard}: exit code {code}\n{said}", file=sys.stderr)
+            worst = max(worst, code)
+    # In a process of its own: the join works as another run would.
+    joined = subprocess.run([sys.executable, "-m", "advsage.jobs", "generate", *words, "--join"]).returncode
+    return worst if worst not in (0, 65) else joined
+
+
+def main(words=None):
+    words = sys.argv[1:] if words is None else words
+    parser = argparse.ArgumentParser(
+        prog="python -m advsage.jobs",
+        description=__doc__.split("\n\n")[0],
+        epilog="Other options are those of `sage generate`: python -m advsage.jobs generate --options",
+        allow_abbrev=False,
+    )
+    parser.add_argument("command", choices=["generate"], help="attack scenes")
+    parser.add_argument("--engine", choices=["local", *ENGINES], default="local", help="who shares out the work (default: local)")
+    parser.add_argument("--shards", type=int, help="number of shards (default: four for each worker)")
+    parser.add_argument("--cores", type=int, default=2, help="cores of a shard (default: 2)")
+    parser.add_argument("--retries", type=int, default=5, help="tries after the first one of a shard whose worker died (default: 5)")
+    parser.add_argument("--options", action="store_true", help="show the options of `sage generate`")
+    own, others = parser.parse_known_args(words)
+    if own.options:
+        return _advsage.run_generate(["--help"])
+    for name, value, least in [("--shards", own.shards, 1), ("--cores", own.cores, 1), ("--retries", own.retries, 0)]:
+        if value is not None and value < least:
+            parser.error(f"{name} is {value}; expected at least {least}")
+    return generate(others, own.engine, own.shards, own.cores, own.retries)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

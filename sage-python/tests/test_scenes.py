@@ -1,0 +1,188 @@
+"""Scenes, attacks and scores as values of Python."""
+
+import copy
+import gc
+import json
+import os
+import pathlib
+import pickle
+import resource
+import unittest
+
+import numpy as np
+
+import advsage as sage
+from support import COMMAND, InFolder, command, procedural, scene_files
+
+
+class Scenes(InFolder):
+    def setUp(self):
+        super().setUp()
+        self.scene = sage.make("four-way", 1, 0)
+
+    def test_arrays(self):
+        scene = self.scene
+        tracks, frames = len(scene.track_ids), scene.frames
+        shapes = {"positions": (3,), "headings": (), "velocities": (2,), "sizes": (3,), "valid": ()}
+        for name, shape in shapes.items():
+            array = getattr(scene, name)
+            self.assertEqual(array.shape, (tracks, frames, *shape))
+            self.assertFalse(array.flags.writeable)
+            self.assertIs(getattr(scene, name), array)
+        self.assertEqual(scene.valid.dtype, bool)
+        self.assertTrue(scene.valid[scene.ego].all())
+        self.assertEqual(len(scene.kinds), tracks)
+        moved = np.diff(scene.positions[scene.ego, :, :2], axis=0) / 0.1
+        self.assertLess(np.abs(moved - scene.velocities[scene.ego, 1:]).max(), 2.0)
+        features = scene.map_features
+        self.assertEqual(sum(len(feature["points"]) for feature in features), len(scene.map_points))
+        lanes = {feature["id"]: feature for feature in features if "exits" in feature}
+        for lane in lanes.values():
+            self.assertTrue(all(lane["id"] in lanes[other]["entries"] for other in lane["exits"]))
+        for light in scene.lights:
+            self.assertEqual(len(light["states"]), frames)
+
+    def test_files_of_every_format(self):
+        attacked = sage.Generator()(self.scene).scene
+        for scene in (self.scene, attacked):
+            for ending in ("pkl", "safetensors", "tfrecord", "xosc"):
+                path = os.path.join(self.folder, f"a.{ending}")
+                written = sage.convert(scene, path)
+                self.assertTrue(all(os.path.getsize(file) for file in written))
+                if ending == "xosc":
+                    continue
+                again = sage.load(path + ("#0" if ending == "tfrecord" else ""))
+                self.assertEqual(again.track_ids[again.ego], scene.track_ids[scene.ego])
+                self.assertTrue(np.array_equal(again.valid, scene.valid))
+                where = again.valid[..., None]
+                self.assertLess(np.abs(np.where(where, again.positions - scene.positions, 0.0)).max(), 1e-3)
+        self.assertFalse(np.array_equal(attacked.positions, self.scene.positions))
+
+    def test_copies_and_pickles(self):
+        generator = sage.Generator(lambda_=0.5, options={"candidates": 16})
+        attack = generator(self.scene, ego="idm", seed=3)
+        for value in (self.scene, generator, attack, attack.scene):
+            self.assertIsInstance(repr(value), str)
+            for again in (copy.copy(value), copy.deepcopy(value), pickle.loads(pickle.dumps(value))):
+                self.assertEqual(repr(again), repr(value))
+        again = pickle.loads(pickle.dumps(attack))
+        for name in ("trajectory", "candidates", "log_probs", "goals"):
+            self.assertTrue(np.array_equal(getattr(again, name), getattr(attack, name)))
+        self.assertEqual((again.scores, again.candidate_scores), (attack.scores, attack.candidate_scores))
+        self.assertTrue(np.array_equal(again.scene.positions, attack.scene.positions))
+        scene = pickle.loads(pickle.dumps(self.scene))
+        self.assertTrue(np.array_equal(generator(scene, seed=3).candidates, generator(self.scene, seed=3).candidates))
+
+    def test_recorded_scenes_keep_their_bits(self):
+        generator = sage.Generator()
+        for path in scene_files(10, self.folder):
+            scene = sage.load(path)
+            lean = sage.load(path, keep_source=False)
+            again = pickle.loads(pickle.dumps(scene))
+            for other in (lean, again):
+                self.assertTrue(np.array_equal(other.positions, scene.positions))
+                self.assertTrue(np.array_equal(generator(other).candidates, generator(scene).candidates))
+
+    def test_roles(self):
+        others = [id for id, kind in zip(self.scene.track_ids, self.scene.kinds) if kind == "VEHICLE"]
+        ego, adversary = self.scene.track_ids[self.scene.ego], self.scene.track_ids[self.scene.adversary]
+        other = next(id for id in others if id not in (ego, adversary))
+        scene = self.scene.with_roles(adversary=other)
+        self.assertEqual(scene.track_ids[scene.adversary], other)
+        path = os.path.join(self.folder, "a.safetensors")
+        scene.save(path)
+        self.assertEqual(sage.load(path).adversary, scene.adversary)
+
+    def test_folders(self):
+        for scene in procedural(5):
+            scene.save(os.path.join(self.folder, f"{scene.id}.pkl"))
+        scenes = sage.load_folder(self.folder)
+        self.assertEqual((len(scenes), len(scenes.paths)), (5, 5))
+        self.assertEqual([scene.path for scene in scenes], scenes.paths)
+        self.assertEqual(scenes[-1].id, list(scenes)[-1].id)
+        with self.assertRaises(IndexError):
+            scenes[5]
+
+    def test_scores_are_those_of_the_command(self):
+        attack = sage.Generator()(self.scene)
+        path = os.path.join(self.folder, "scene.pkl")
+        self.scene.save(path)
+        scene = sage.load(path)
+        rows = [{"name": str(k), "trajectory": plan.tolist()} for k, plan in enumerate(attack.candidates)]
+        with open(os.path.join(self.folder, "candidates.json"), "w") as file:
+            json.dump(rows, file)
+        for convention in ("paper", "release"):
+            printed = command(
+                "score", path, "--candidates", os.path.join(self.folder, "candidates.json"), "--json",
+                "--convention", convention, "--avoidable",
+            )
+            expected = [json.loads(line) for line in printed.splitlines()]
+            for row in expected:
+                del row["name"]
+            own = sage.score(scene, attack.candidates, convention=convention, avoidable=True)
+            self.assertEqual(own, expected)
+        columns = sage.score_columns(scene, attack.candidates, convention="release")
+        for name, column in columns.items():
+            values = [row[name] if name in row else row["rewards"][name] for row in own]
+            values = [np.nan if value is None else float(value) for value in values]
+            self.assertTrue(np.array_equal(column, values, equal_nan=True), name)
+        one = sage.score(scene, attack.trajectory)
+        self.assertEqual(len(one), 1)
+        path = scene.positions[scene.ego, 11:91, :2]
+        self.assertEqual(sage.score(scene, attack.trajectory, ego=path)[0]["collision"], one[0]["collision"])
+
+    def test_operating_points(self):
+        names = {
+            sage.Generator(lambda_=0.25).variant: "lambda0.25",
+            sage.Generator(aggression=0.5).variant: "aggression0.50",
+            sage.Generator(mix={"realistic": 0.5, "lawful": 0.5}).variant: "lawful0.50-realistic0.50-mu0.00",
+            sage.Generator(lambda_=1.0, mu=0.5).variant: "lambda1.00-mu0.50",
+        }
+        for name, expected in names.items():
+            self.assertEqual(name, expected)
+        seeds = [sage.Generator(merger="dare")(self.scene, seed=seed).candidates for seed in (0, 1, 0)]
+        self.assertTrue(np.array_equal(seeds[0], seeds[2]))
+
+    def test_what_shows_itself(self):
+        attack = sage.Generator()(self.scene)
+        picture = sage.draw(self.scene, attack)
+        self.assertTrue(picture._repr_svg_().startswith("<svg"))
+        picture.save(os.path.join(self.folder, "a.svg"))
+        episode = sage.simulate(self.scene, "idm", attack)
+        self.assertIn("<html", episode.html())
+        self.assertTrue(episode._repr_html_().startswith("<iframe"))
+        row = sage.inspect(self.scene)
+        self.assertEqual(row["capabilities"], {"attack": None, "drive": None, "road_edges": True, "traffic_lights": True})
+
+    def test_failures(self):
+        found = sage.search(procedural(4), "idm", budget=16, require="attack,believable")
+        self.assertEqual(len(found.scenes), 4)
+        self.assertEqual(len(found), sum(row["failures"] for row in found.scenes))
+        self.assertTrue(all(failure.contact_after > 0 for failure in found))
+        self.assertIn("4 scenes", repr(found))
+
+    def test_memory_stays(self):
+        """2000 loads with an attack; the resident size after the first tenth grows by at most 5 %."""
+        count = int(os.environ.get("SAGE_LOADS", "300"))
+        paths = scene_files(60, self.folder)
+        generator = sage.Generator()
+
+        def resident():
+            gc.collect()
+            with open("/proc/self/statm") as file:
+                return int(file.read().split()[1]) * resource.getpagesize()
+
+        if not pathlib.Path("/proc/self/statm").exists():
+            self.skipTest("left out: the size of a process needs /proc")
+        first = None
+        for k in range(count):
+            scene = sage.load(paths[k % len(paths)])
+            generator(scene).scores
+            if k == count // 10:
+                first = resident()
+        self.assertLess(resident() / first, 1.05 if count >= 2000 else 1.2)
+
+
+if __name__ == "__main__":
+    assert COMMAND.exists(), f"{COMMAND} is missing: cargo build --release"
+    unittest.main()

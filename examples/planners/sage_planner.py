@@ -27,7 +27,7 @@ from collections import deque
 try:
     import numpy
 except ImportError:
-    numpy = None
+    numpy = None  # type: ignore[assignment]
 
 PROTOCOL = 1
 #: Number of frames that `Observation.history` holds, this one included.

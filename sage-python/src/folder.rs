@@ -1,6 +1,9 @@
 //! Folders of scenes, read one at a time.
 
-use std::path::PathBuf;
+use std::{
+    path::PathBuf,
+    sync::atomic::{AtomicUsize, Ordering},
+};
 
 use pyo3::{exceptions::PyIndexError, prelude::*};
 use sage_data::{ReadOptions, dataset::Shard, folder};
@@ -39,8 +42,31 @@ impl PyScenes {
         detached(py, || self.reading.read(file))
     }
 
+    fn __iter__(slf: Py<Self>) -> PyScenesInTurn {
+        PyScenesInTurn { scenes: slf, next: AtomicUsize::new(0) }
+    }
+
     fn __repr__(&self) -> String {
         format!("<Scenes of '{}': {}>", self.folder.display(), self.files.len())
+    }
+}
+
+/// The scenes of a folder, one after another. One that cannot be read raises at its place, and the next is read behind it.
+#[pyclass(frozen, module = "advsage._advsage", name = "ScenesInTurn")]
+pub(crate) struct PyScenesInTurn {
+    scenes: Py<PyScenes>,
+    next: AtomicUsize,
+}
+
+#[pymethods]
+impl PyScenesInTurn {
+    fn __iter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<PyScene>> {
+        let (scenes, number) = (self.scenes.get(), self.next.fetch_add(1, Ordering::Relaxed));
+        scenes.files.get(number).map(|file| detached(py, || scenes.reading.read(file))).transpose()
     }
 }
 

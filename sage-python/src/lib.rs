@@ -38,6 +38,7 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<episode::PyEpisode>()?;
     module.add_class::<episode::PyEpisodes>()?;
     module.add_class::<folder::PyScenes>()?;
+    module.add_class::<folder::PyScenesInTurn>()?;
     module.add_class::<many::PyAttacks>()?;
     module.add_class::<searching::PySearched>()?;
     module.add_class::<inspecting::PyPicture>()?;

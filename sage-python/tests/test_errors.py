@@ -189,6 +189,10 @@ class Misuses(InFolder):
         self.check(sage.FormatError, ValueError, "b.pkl", next, attacks)
         self.assertTrue(np.array_equal(next(attacks).trajectory, first.trajectory))
         self.assertEqual(list(attacks), [])
+        scenes = iter(sage.load_folder(self.folder))
+        first = next(scenes)
+        self.check(sage.FormatError, ValueError, "b.pkl", next, scenes)
+        self.assertEqual([scene.id for scene in scenes], [first.id])
 
     def test_nothing_is_printed(self):
         script = """

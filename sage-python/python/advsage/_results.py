@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, TypeVar, overload
 
 from . import _advsage
 from .errors import FormatError, PlannerError, SceneError
+from .planner import Planner
+
+SceneLike = _advsage.Scene | str | os.PathLike[str]
+Result = TypeVar("Result")
 
 
 class Failure:
@@ -15,45 +21,52 @@ class Failure:
     `row` is what `sage search` records of it, a dictionary: `drive`, `plan`, `contact`, `clauses`, `reward`, `time_to_react`, ...
     """
 
-    def __init__(self, scene, row):
+    def __init__(self, scene: _advsage.Scene, row: dict[str, Any]) -> None:
         self.scene = scene
         self.row = row
 
     @property
-    def trajectory(self):
+    def trajectory(self) -> list[list[float]]:
         """The adversary's positions, metres: 80 pairs for frames 11 to 90; `simulate(scene, ego, trajectory)` drives against them."""
-        return self.row["trajectory"]
+        trajectory: list[list[float]] = self.row["trajectory"]
+        return trajectory
 
     @property
-    def contact_after(self):
+    def contact_after(self) -> float:
         """Seconds from now to the contact."""
-        return self.row["contact"]["step"] / 10.0
+        return float(self.row["contact"]["step"]) / 10.0
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Failure of '{self.row['ego']}' in '{self.scene.name}': contact after {self.contact_after:.1f} s>"
 
 
-class Failures(Sequence):
+class Failures(Sequence[Failure]):
     """What a search found: a sequence of `Failure`, and `scenes`, a dictionary for each scene that was searched."""
 
-    def __init__(self, failures, scenes, errors):
+    def __init__(self, failures: list[Failure], scenes: list[dict[str, Any]], errors: dict[str, str]) -> None:
         self._failures = failures
         #: Why scenes could not be searched, by name: a text that begins with the class of the exception.
         self.errors = errors
         #: For each scene what `sage search` records of it: `scene`, `drives`, `failures`, `reason`, ...
         self.scenes = scenes
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._failures)
 
-    def __getitem__(self, number):
+    @overload
+    def __getitem__(self, number: int) -> Failure: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[Failure]: ...
+
+    def __getitem__(self, number: int | slice) -> Failure | Sequence[Failure]:
         return self._failures[number]
 
-    def to_pandas(self):
+    def to_pandas(self) -> Any:
         """A frame with a row for each failure; needs pandas."""
-        import pandas
+        import pandas  # type: ignore[import-untyped,unused-ignore]
 
-        def row(failure):
+        def row(failure: Failure) -> dict[str, Any]:
             plan, contact = failure.row["plan"], failure.row["contact"]
             return {
                 "scene": failure.scene.name,
@@ -72,48 +85,107 @@ class Failures(Sequence):
 
         return pandas.DataFrame([row(failure) for failure in self])
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         failing = sum(row["failures"] > 0 for row in self.scenes)
         return f"<Failures: {len(self)} in {failing} of {len(self.scenes)} scenes>"
 
 
-def search(scenes, ego="idm", **options):
-    names = []
-    failures, rows, errors = [], [], {}
-    searched = _advsage.search_each(_named(scenes, names), ego, **options)
-    for result in _each(searched, names, errors):
-        scene, row, found = result
+def search(
+    scenes: SceneLike | Iterable[SceneLike],
+    ego: str | Planner = "idm",
+    *,
+    budget: int = 64,
+    require: str | None = None,
+    first: bool = False,
+    order: str = "surrogate",
+    plans: int = 256,
+    method: str | None = None,
+    options: dict[str, Any] | None = None,
+    weights: str | None = None,
+    lambda_: float | None = None,
+    aggression: float | None = None,
+    mix: dict[str, float] | None = None,
+    mu: float | None = None,
+    selection: str = "natural",
+    feasibility: str | None = None,
+    merger: str = "linear",
+    seed: int = 0,
+    threads: int | None = None,
+) -> Failures:
+    """Searches scenes with the driver in the loop for plans of the adversary that it fails at.
+
+    In each scene at most `budget` plans are driven against, of at most `plans` feasible ones that are proposed; what was driven
+    decides which is next (`order`: "surrogate", "random", "pool"). A failure meets all clauses of `require`, of
+    "attack,believable,at-fault,avoidable" (all by default); `first` stops at the first one. Plans are those of several
+    generators, or of one `method` with its `options`. The other options are those of `Generator`. A scene that cannot be
+    searched is in `errors` of the result.
+    """
+    names: list[str] = []
+    failures: list[Failure] = []
+    rows: list[dict[str, Any]] = []
+    errors: dict[str, str] = {}
+    searched = _advsage.search_each(
+        _named(scenes, names),
+        ego,
+        budget=budget,
+        require=require,
+        first=first,
+        order=order,
+        plans=plans,
+        method=method,
+        options=options,
+        weights=weights,
+        lambda_=lambda_,
+        aggression=aggression,
+        mix=mix,
+        mu=mu,
+        selection=selection,
+        feasibility=feasibility,
+        merger=merger,
+        seed=seed,
+        threads=threads,
+    )
+    for scene, row, found in _each(searched, names, errors):
         rows.append(row)
         failures += [Failure(scene, failure) for failure in found]
     return Failures(failures, rows, errors)
 
 
-class Stress(Sequence):
+class Stress(Sequence[_advsage.Episode]):
     """A driver under attack in many scenes: a sequence of `Episode`, `errors` by scene, and the rates of `table()`."""
 
-    def __init__(self, ego, episodes, errors):
+    def __init__(self, ego: str, episodes: list[_advsage.Episode], errors: dict[str, str]) -> None:
         self.ego = ego
         self._episodes = episodes
         #: Why scenes have no result, by name: a text that begins with the class of the exception.
         self.errors = errors
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self._episodes)
 
-    def __getitem__(self, number):
+    @overload
+    def __getitem__(self, number: int) -> _advsage.Episode: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[_advsage.Episode]: ...
+
+    def __getitem__(self, number: int | slice) -> _advsage.Episode | Sequence[_advsage.Episode]:
         return self._episodes[number]
 
     @property
-    def attacked(self):
+    def attacked(self) -> int:
         """Number of scenes in which the attack works."""
-        return sum(episode.verdict["attack"] for episode in self)
+        return self._count("attack")
 
     @property
-    def at_fault(self):
+    def at_fault(self) -> int:
         """Number of scenes in which it works and the driver is at fault."""
-        return sum(episode.verdict["at_fault"] for episode in self)
+        return self._count("at_fault")
 
-    def table(self):
+    def _count(self, name: str) -> int:
+        return sum(episode.verdict is not None and episode.verdict[name] for episode in self)
+
+    def table(self) -> str:
         """The rates with 95 % intervals (Wilson), as text."""
         lines = [f"{self.ego}: {len(self)} scenes"]
         for name, count in [("attacked", self.attacked), ("attacked, driver at fault", self.at_fault)]:
@@ -123,14 +195,29 @@ class Stress(Sequence):
         lines += [f"  no result in '{name}': {error}" for name, error in self.errors.items()]
         return "\n".join(lines)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         errors = f", {len(self.errors)} without a result" if self.errors else ""
         return f"<Stress of '{self.ego}': attacked in {self.attacked} of {len(self)} scenes{errors}>"
 
 
-def stress(planner, scenes, attack=None, *, seed=0, threads=None, batch=32):
+def stress(
+    planner: str | Planner,
+    scenes: SceneLike | Iterable[SceneLike],
+    attack: _advsage.Generator | None = None,
+    *,
+    seed: int = 0,
+    threads: int | None = None,
+    batch: int = 32,
+) -> Stress:
+    """Attacks a driver in many scenes: in each it drives without an attack, the attack is planned against that drive, and it
+    drives again.
+
+    `scenes` is a folder, a scene, or a list of scenes and paths; `attack` a `Generator`, by default SAGE at λ = 1. A scene in which
+    the planner fails, or that cannot be attacked, is in `errors` of the result.
+    """
+    names: list[str] = []
+    errors: dict[str, str] = {}
     generator = _advsage.Generator() if attack is None else attack
-    names, errors = [], {}
     drives = _advsage.simulate_many(
         _named(scenes, names), planner, generator, seed=seed, threads=threads, batch=batch
     )
@@ -139,7 +226,7 @@ def stress(planner, scenes, attack=None, *, seed=0, threads=None, batch=32):
     return Stress(name, episodes, errors)
 
 
-def wilson(count, total, z=1.959963984540054):
+def wilson(count: int, total: int, z: float = 1.959963984540054) -> tuple[float, float]:
     """Interval of a share."""
     if total == 0:
         return 0.0, 1.0
@@ -149,11 +236,11 @@ def wilson(count, total, z=1.959963984540054):
     return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
-def _named(scenes, names):
+def _named(scenes: SceneLike | Iterable[SceneLike], names: list[str]) -> Iterator[SceneLike]:
     """The scenes of a folder, a file, one scene, or a list, one after another. Notes their names."""
     if isinstance(scenes, _advsage.Scene):
         scenes = [scenes]
-    elif isinstance(scenes, str) or hasattr(scenes, "__fspath__"):
+    elif isinstance(scenes, (str, os.PathLike)):
         # Paths, so that each is read where it is worked on, and one that is no scene costs no other.
         scenes = _advsage.load_folder(scenes).paths
     elif isinstance(scenes, _advsage.Scenes):
@@ -163,7 +250,7 @@ def _named(scenes, names):
         yield scene
 
 
-def _each(results, names, errors):
+def _each(results: Iterator[Result], names: list[str], errors: dict[str, str]) -> Iterator[Result]:
     """The results, in the order of the scenes. Notes why others have none, and goes on."""
     number = 0
     while True:

@@ -11,10 +11,13 @@ usage, 65 done but scenes are bad, 74 an input or output error that another try 
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from typing import Any
 
 from . import _advsage
 
@@ -22,11 +25,15 @@ RETRY = 74
 WAIT = 10.0  # seconds until a shard is tried again: another process may still hold it
 
 
+#: A shard, its exit code, and its messages.
+Done = tuple[str, int, str]
+
+
 class Retry(Exception):
     """A shard that another try may finish."""
 
 
-def run_shard(words, shard, cores, folder):
+def run_shard(words: list[str], shard: str, cores: int, folder: str) -> Done:
     """Runs a shard in a process of its own, from the folder where the job was started. Returns exit code and messages."""
     command = [sys.executable, "-m", "advsage.jobs", "generate", *words, "--threads", str(cores), "--shard", shard]
     done = subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -39,19 +46,18 @@ def run_shard(words, shard, cores, folder):
 class _Actor:
     """An actor of Ray Data, for shards that a batch names."""
 
-    def __init__(self, words, cores, folder):
+    def __init__(self, words: list[str], cores: int, folder: str) -> None:
         self.about = words, cores, folder
 
-    def __call__(self, batch):
+    def __call__(self, batch: dict[str, Any]) -> dict[str, Any]:
         words, cores, folder = self.about
         done = [run_shard(words, str(shard), cores, folder) for shard in batch["item"]]
         return {name: [row[k] for row in done] for k, name in enumerate(("shard", "code", "said"))}
 
 
-def by_tasks(words, shards, cores, retries):
+def by_tasks(words: list[str], shards: list[str], cores: int, retries: int) -> Iterator[Done]:
     """Runs shards as tasks of Ray. Yields what came of each; of one that failed too often why."""
-    import ray
-
+    ray = _ray()
     task = ray.remote(num_cpus=cores, max_retries=retries, retry_exceptions=[Retry])(run_shard)
     tasks = {task.remote(words, shard, cores, os.getcwd()): shard for shard in shards}
     waiting = list(tasks)
@@ -63,10 +69,9 @@ def by_tasks(words, shards, cores, retries):
             yield tasks[ready], RETRY, str(error)
 
 
-def by_data(words, shards, cores, retries):
+def by_data(words: list[str], shards: list[str], cores: int, retries: int) -> Iterator[Done]:
     """The same in a pool of actors of Ray Data, which starts actors anew that died."""
-    import ray
-
+    ray = _ray()
     size = max(int(ray.cluster_resources().get("CPU", 1)) // cores, 1)
     data = ray.data.from_items(shards, override_num_blocks=len(shards))
     options = {"max_restarts": retries, "max_task_retries": retries}
@@ -88,15 +93,24 @@ def by_data(words, shards, cores, retries):
             yield shard, RETRY, str(error)
 
 
+def _ray() -> Any:
+    """Ray, which this package does not need otherwise."""
+    try:
+        return importlib.import_module("ray")
+    except ImportError:
+        raise SystemExit("this engine needs Ray: pip install 'ray[data]'") from None
+
+
 ENGINES = {"ray": by_tasks, "ray-data": by_data}
 
 
-def generate(words, engine="local", shards=None, cores=2, retries=5):
+def generate(
+    words: list[str], engine: str = "local", shards: int | None = None, cores: int = 2, retries: int = 5
+) -> int:
     """Runs `sage generate` with these words and returns its exit code."""
     if engine == "local":
         return _advsage.run_generate(words)
-    import ray
-
+    ray = _ray()
     if not ray.is_initialized():
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         ray.init(logging_level="error", include_dashboard=False)
@@ -112,11 +126,11 @@ def generate(words, engine="local", shards=None, cores=2, retries=5):
     return worst if worst not in (0, 65) else joined
 
 
-def main(words=None):
+def main(words: list[str] | None = None) -> int:
     words = sys.argv[1:] if words is None else words
     parser = argparse.ArgumentParser(
         prog="python -m advsage.jobs",
-        description=__doc__.split("\n\n")[0],
+        description=(__doc__ or "").split("\n\n")[0],
         epilog="Other options are those of `sage generate`: python -m advsage.jobs generate --options",
         allow_abbrev=False,
     )

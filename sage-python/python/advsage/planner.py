@@ -14,13 +14,21 @@ The same class drives over the door for programs of any language (`sage simulate
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
 from . import sage_planner
-from .sage_planner import Agent, Car, Ego, Route, from_gym, from_metadrive
+from .sage_planner import Agent, Car, Ego, from_gym, from_metadrive
 
-__all__ = ["Agent", "Car", "Ego", "Observation", "Route", "Scene", "from_gym", "from_metadrive"]
+__all__ = ["Agent", "Car", "Ego", "Observation", "Planner", "Route", "Scene", "from_gym", "from_metadrive"]
+
+
+class Planner(Protocol):
+    """What drives: an object with `act(obs)`; `reset(scene, seed)` and `act_many(observations)` are optional."""
+
+    def act(self, obs: Observation, /) -> Any:
+        """What the car is to do in the next step."""
 
 
 class Scene(sage_planner.Scene):
@@ -32,7 +40,7 @@ class Scene(sage_planner.Scene):
         #: Number of the drive among those that `act_many` is asked about.
         self.drive = drive
         self.id = told.id
-        self.route = _Route(told.route())
+        self.route = Route(told.route())
         self.car = Car(told.car())
         self.lights = told.lights()
 
@@ -52,7 +60,9 @@ class Scene(sage_planner.Scene):
         return self._told.lines(True)
 
 
-class _Route(Route):
+class Route(sage_planner.Route):
+    """The path to follow, a polyline: `points`, `length`, `locate(x, y)`, `point(along, across)`, `heading(along)`."""
+
     @cached_property
     def array(self):
         """Its points: array (points, 2)."""

@@ -5,6 +5,7 @@ use std::{
     io,
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
+    time::Instant,
 };
 
 use pyo3::{exceptions::PyException, import_exception, prelude::*};
@@ -35,6 +36,8 @@ enum Kind<'e> {
 thread_local! {
     /// Whether a panic of this thread becomes an exception, so that nothing is printed of it.
     static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
+    /// Seconds in the libraries.
+    static SECONDS: Cell<f64> = const { Cell::new(0.0) };
 }
 
 /// Keeps panics that become exceptions from printing.
@@ -89,7 +92,17 @@ pub(crate) fn detached<T: Send>(
     py: Python<'_>,
     work: impl FnOnce() -> anyhow::Result<T> + Send,
 ) -> PyResult<T> {
-    py.detach(|| caught(work)).map_err(|error| to_python(py, &error))
+    let clock = Instant::now();
+    let outcome = py.detach(|| caught(work));
+    SECONDS.set(SECONDS.get() + clock.elapsed().as_secs_f64());
+    outcome.map_err(|error| to_python(py, &error))
+}
+
+/// Seconds that calls of this thread spent in the libraries, so that what is spent beside them can be measured.
+#[pyfunction]
+#[pyo3(name = "_seconds")]
+pub(crate) fn seconds() -> f64 {
+    SECONDS.get()
 }
 
 /// The exception of an error.

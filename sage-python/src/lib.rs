@@ -43,6 +43,7 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<searching::PySearched>()?;
     module.add_class::<inspecting::PyPicture>()?;
     module.add_function(wrap_pyfunction!(errors::panicking, module)?)?;
+    module.add_function(wrap_pyfunction!(errors::seconds, module)?)?;
     module.add_function(wrap_pyfunction!(job::run_generate, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::inspect, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::convert, module)?)?;

@@ -38,13 +38,16 @@ pub(crate) fn pool(threads: usize) -> PyResult<ThreadPool> {
     pool.map_err(|error| OptionError::new_err(format!("cannot start {threads} threads: {error}")))
 }
 
+/// A result with the number of its item.
+type Numbered<R> = (usize, anyhow::Result<R>);
+
 type Work<T, R> = dyn Fn(T) -> anyhow::Result<R> + Send + Sync;
 
 /// Items in work, a few ahead of the one that is asked for.
 pub(crate) struct Ahead<T, R> {
     pool: ThreadPool,
     work: Arc<Work<T, R>>,
-    results: (Sender<(usize, anyhow::Result<R>)>, Receiver<(usize, anyhow::Result<R>)>),
+    results: (Sender<Numbered<R>>, Receiver<Numbered<R>>),
     ready: BTreeMap<usize, anyhow::Result<R>>,
     /// Number of items that were given, and of results that were taken.
     given: usize,

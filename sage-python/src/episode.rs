@@ -361,7 +361,6 @@ impl PyEpisodes {
 /// scene after the other.
 #[pyfunction]
 #[pyo3(signature = (scenes, ego=None, attack=None, *, seed=0, threads=None, batch=32))]
-#[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn simulate_many(
     py: Python<'_>,
     scenes: &Bound<'_, PyAny>,

@@ -15,7 +15,7 @@ use sage_data::{
 use crate::{
     errors::{OptionError, UnknownName, detached},
     made_once::MadeOnce,
-    values,
+    values::{self, Reduced},
 };
 
 /// Where a scene comes from: what its file holds besides the scene.
@@ -329,7 +329,7 @@ impl PyScene {
     fn __reduce__<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>, String, String))> {
+    ) -> PyResult<Reduced<'py, (Bound<'py, PyBytes>, String, String)>> {
         let bytes = detached(py, || self.bytes(true))?;
         let rebuild = py.get_type::<Self>().getattr("_from_bytes")?;
         Ok((rebuild, (PyBytes::new(py, &bytes), self.path(), self.data.name.clone())))

@@ -73,6 +73,9 @@ fn searched(item: Item, searcher: &Searcher) -> Result<Searched> {
     Ok((object, shared, row, failures))
 }
 
+/// A scene, its row, and the rows of its failures.
+type SceneRows<'py> = (Py<PyScene>, Bound<'py, PyAny>, Bound<'py, PyList>);
+
 /// Scenes with what a search found in them, in their order.
 #[pyclass(module = "advsage._advsage", name = "Searched", frozen)]
 pub(crate) struct PySearched {
@@ -89,9 +92,7 @@ impl PySearched {
     }
 
     /// A scene, its row, and the rows of its failures.
-    fn __next__<'py>(
-        slf: &Bound<'py, Self>,
-    ) -> PyResult<Option<(Py<PyScene>, Bound<'py, PyAny>, Bound<'py, PyList>)>> {
+    fn __next__<'py>(slf: &Bound<'py, Self>) -> PyResult<Option<SceneRows<'py>>> {
         let (py, this) = (slf.py(), slf.get());
         let mut scenes = this.scenes.bind(py).clone();
         let searched = match &this.ahead {

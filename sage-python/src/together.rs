@@ -30,7 +30,7 @@ pub(crate) struct Questions {
 }
 
 enum Message {
-    Question(Question),
+    Question(Box<Question>),
     Done,
 }
 
@@ -51,7 +51,7 @@ impl Questions {
         let (answer, answered) = sync_channel(1);
         let question = Question { drive: self.drive, asked, is_first, answer };
         let gone = || "it was interrupted".to_owned();
-        self.messages.send(Message::Question(question)).map_err(|_| gone())?;
+        self.messages.send(Message::Question(Box::new(question))).map_err(|_| gone())?;
         answered.recv().map_err(|_| gone())?
     }
 }
@@ -107,7 +107,7 @@ fn answer_all(
         while waiting.len() < live {
             let messages = &mut received;
             match py.detach(move || messages.recv_timeout(LOOK)) {
-                Ok(Message::Question(question)) => waiting.push(question),
+                Ok(Message::Question(question)) => waiting.push(*question),
                 Ok(Message::Done) => live -= 1,
                 // Without anybody who listens, all drives end.
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => py.check_signals()?,

@@ -16,6 +16,9 @@ use serde_json::{Map, Number, Value};
 
 use crate::errors::OptionError;
 
+/// What pickle makes a value anew from: a function and its arguments.
+pub(crate) type Reduced<'py, A> = (Bound<'py, PyAny>, A);
+
 /// What a type is in JSON, as values of Python: dictionaries, lists, numbers.
 pub(crate) fn from_serde<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let value = serde_json::to_value(value).map_err(|error| PyValueError::new_err(error.to_string()))?;

@@ -39,7 +39,7 @@ MARGIN = 0.3
 
 
 class Car:
-    """Size and limits of the driven car."""
+    """Size and limits of the driven car: metres, rad, m/s2, m/s."""
 
     def __init__(self, fields):
         self.length = fields["length"]
@@ -53,6 +53,9 @@ class Car:
         self.max_deceleration = fields["max_deceleration"]
         self.rolling_deceleration = fields["rolling_deceleration"]
         self.max_speed = fields["max_speed"]
+
+    def __repr__(self):
+        return f"<Car: {self.length:.1f} m x {self.width:.1f} m>"
 
     def throttle_for(self, acceleration):
         """Throttle or brake for an acceleration on a straight road."""
@@ -79,6 +82,9 @@ class Route:
             self.legs.append((ax, ay, tx, ty, length, before, math.atan2(ty, tx)))
             before += length
         self.length = before
+
+    def __repr__(self):
+        return f"<Route: {self.length:.0f} m, {len(self.points)} points>"
 
     def locate(self, x, y):
         """Distance along the route and across it (positive to the right) of a point."""
@@ -132,7 +138,7 @@ class Scene:
 
 
 class Agent:
-    """Another road user now."""
+    """Another road user now: `id`, `type`, `length` and `width` (metres), centre `x`, `y`, `heading` (rad), velocity `vx`, `vy` (m/s)."""
 
     __slots__ = ("id", "type", "length", "width", "x", "y", "heading", "vx", "vy")
 
@@ -144,8 +150,12 @@ class Agent:
         self.heading = fields["heading"]
         self.vx, self.vy = fields["velocity"]
 
+    def __repr__(self):
+        return f"<Agent '{self.id}': {self.type} at ({self.x:.1f}, {self.y:.1f}), {self.speed:.1f} m/s>"
+
     @property
     def speed(self):
+        """Speed, m/s."""
         return math.hypot(self.vx, self.vy)
 
     def corners(self):
@@ -158,7 +168,7 @@ class Agent:
 
 
 class Ego:
-    """The driven car now."""
+    """The driven car now: centre `x`, `y` (metres), `heading` (rad), velocity `vx`, `vy` (m/s), `yaw_rate` (rad/s)."""
 
     __slots__ = ("x", "y", "heading", "vx", "vy", "yaw_rate")
 
@@ -168,9 +178,12 @@ class Ego:
         self.vx, self.vy = fields["velocity"]
         self.yaw_rate = fields["yaw_rate"]
 
+    def __repr__(self):
+        return f"<Ego at ({self.x:.1f}, {self.y:.1f}), heading {self.heading:.2f}, {self.speed:.1f} m/s>"
+
     @property
     def speed(self):
-        """Forward speed."""
+        """Forward speed, m/s."""
         return self.vx * math.cos(self.heading) + self.vy * math.sin(self.heading)
 
 

@@ -177,6 +177,12 @@ pub fn scenario(recording: &Recording) -> Result<(String, String, String)> {
 fn without_run(mut row: Value) -> Value {
     if let Some(fields) = row.as_object_mut() {
         fields.retain(|name, _| !OF_RUN.contains(&&**name));
+        // Rows of failures are files of the run too.
+        for named in ["worst", "mildest"] {
+            if let Some(failure) = fields.get_mut(named).and_then(Value::as_object_mut) {
+                failure.remove("row");
+            }
+        }
     }
     row
 }

@@ -154,7 +154,7 @@ impl PyAttack {
         self.made.scores.get(py, make)
     }
 
-    /// The same of all candidates: a list of dictionaries.
+    /// All measures of all candidates, in their order: a list of dictionaries.
     #[getter]
     fn candidate_scores(&self, py: Python<'_>) -> PyResult<Py<PyList>> {
         let make = || -> PyResult<Py<PyList>> {

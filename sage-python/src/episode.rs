@@ -1,138 +1,77 @@
-//! Drives: a driver in a scene, alone or under attack.
+//! A drive as a value of Python, and the function that makes it.
 
-use std::{
-    collections::VecDeque,
-    sync::{Arc, Mutex},
-};
+use std::borrow::Cow;
 
 use anyhow::Result;
 use experiments::results::{AttackOfDrive, DriveResult};
-use pyo3::{prelude::*, types::PyIterator};
-use sage_core::{
-    motion::Trajectory,
-    objective::{Context, Scorer},
-    scene::SceneData,
-};
-use sage_sim::{
-    SimScene,
-    attack_test::AttackTest,
-    drive::Drive,
-    episode::{End, Episode, Verdict},
-    vehicle::Motion,
-};
+use pyo3::{prelude::*, types::PyType};
+use sage_core::geometry::Point;
+use sage_sim::vehicle::Motion;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::{
-    ahead::{Ahead, threads},
-    attack::PyAttack,
-    errors::{OptionError, caught, detached, to_python},
-    generator::{Built, PyGenerator},
+    driven::{Attacker, Driven},
+    errors::{OptionError, detached},
     made_once::MadeOnce,
-    many::{self, Item},
+    many,
     parts::Driver,
-    planner::{Planner, PlannerPolicy, Way, keep_raised},
-    scene::{PyScene, Shared},
-    together::{Outcome, drive_together},
-    values,
+    scene::PyScene,
+    values::{self, Reduced},
 };
 
-/// What attacks a driver.
-#[derive(Clone)]
-pub(crate) enum Attacker {
-    /// Nothing: the scene as it is.
-    Nobody,
-    /// One plan of the adversary, made before.
-    Plan(Trajectory),
-    /// A generator, which plans against the drive without attack.
-    Generator(Arc<Built>),
+/// x, y, heading and speed.
+type State = [f64; 4];
+
+/// All that is known of a drive, also after it was pickled.
+#[derive(Clone, Serialize, Deserialize)]
+struct Record {
+    row: Value,
+    ending: String,
+    page: String,
+    states: Vec<State>,
+    states_before: Option<Vec<State>>,
+    plan: Option<Vec<Point>>,
 }
 
-impl Attacker {
-    /// The attacker of a value of Python.
-    ///
-    /// *Errors*: neither an attack, nor a generator, nor positions.
-    pub(crate) fn of(attack: Option<&Bound<'_, PyAny>>, seed: u64) -> PyResult<Self> {
-        let Some(attack) = attack else { return Ok(Self::Nobody) };
-        if let Ok(attack) = attack.cast::<PyAttack>() {
-            return Ok(Self::Plan(attack.get().attack.trajectory().clone()));
-        }
-        if let Ok(generator) = attack.cast::<PyGenerator>() {
-            let generator = generator.get();
-            return Ok(Self::Generator(detached(attack.py(), || generator.of_seed(seed))?));
-        }
-        let mut plans = values::trajectories("attack", attack)?;
-        match (plans.len(), plans.pop()) {
-            (1, Some(plan)) => Ok(Self::Plan(plan)),
-            (count, _) => Err(OptionError::new_err(format!(
-                "attack holds {count} plans; expected an Attack, a Generator, or positions of shape (80, 2)"
-            ))),
-        }
-    }
+/// Where what is known of a drive comes from.
+enum Content {
+    Driven(Box<Driven>),
+    Recorded(Box<Record>),
 }
 
-/// A drive with all that is shown of it.
-pub(crate) struct Driven {
-    episode: Episode,
-    attacked: Option<Attacked>,
+fn states(motions: &[Motion]) -> Vec<State> {
+    let state = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading, motion.speed()];
+    motions.iter().map(state).collect()
 }
 
-/// The attack of a drive.
-struct Attacked {
-    ctx: Context,
-    before: Drive,
-    plan: Trajectory,
-    verdict: Verdict,
-}
-
-impl Driven {
-    /// Drives a scene.
-    ///
-    /// *Errors*: a scene that cannot be driven or attacked; a planner that fails.
-    pub(crate) fn new(scene: &SceneData, driver: &Driver, attacker: &Attacker, seed: u64) -> Result<Self> {
-        let simulated = SimScene::new(scene.scene.clone(), scene.index.clone())?;
-        if matches!(attacker, Attacker::Nobody) {
-            let episode = Episode::run(&simulated, None, &*driver.policy, seed)?;
-            return Ok(Self { episode, attacked: None });
-        }
-        scene.scene.attackable_horizon()?;
-        scene.scene.check_apart_now()?;
-        let test = AttackTest::new(&*driver.policy, &simulated, seed)?;
-        let ctx = test.context()?;
-        ctx.check_apart_now()?;
-        let plan = match attacker {
-            Attacker::Generator(built) => built.attack_in(&ctx, seed)?.trajectory().clone(),
-            Attacker::Plan(plan) => plan.clone(),
-            Attacker::Nobody => return Err(sage_bench::Error::Value("there is no attack".to_owned()).into()),
-        };
-        let is_feasible = Scorer::new(&ctx).scores(&ctx.candidate(plan.clone())).feasible;
-        let outcome = test.attack(&plan, is_feasible)?;
-        let (episode, verdict) = (outcome.episode, outcome.verdict);
-        let attacked = Some(Attacked { ctx, before: test.unattacked().clone(), plan, verdict });
-        Ok(Self { episode, attacked })
-    }
-}
-
-/// A drive up to the first contact or to the horizon.
+/// A drive of the ego from frame 0 up to its first contact or to the horizon, alone or under attack.
 #[pyclass(frozen, module = "advsage", name = "Episode", weakref)]
 pub(crate) struct PyEpisode {
     scene: Py<PyScene>,
     ego: String,
     seed: u64,
-    driven: Driven,
+    content: Content,
     trajectory: MadeOnce,
-    before: MadeOnce,
+    trajectory_before: MadeOnce,
+    plan: MadeOnce,
     row: MadeOnce,
 }
 
 impl PyEpisode {
     pub(crate) fn new(scene: Py<PyScene>, ego: String, seed: u64, driven: Driven) -> Self {
-        let [trajectory, before, row] = Default::default();
-        Self { scene, ego, seed, driven, trajectory, before, row }
+        Self::of(scene, ego, seed, Content::Driven(Box::new(driven)))
+    }
+
+    fn of(scene: Py<PyScene>, ego: String, seed: u64, content: Content) -> Self {
+        let [trajectory, trajectory_before, plan, row] = Default::default();
+        Self { scene, ego, seed, content, trajectory, trajectory_before, plan, row }
     }
 
     /// The drive as the library records and shows it.
-    fn result(&self) -> DriveResult<'_> {
+    fn result<'a>(&'a self, driven: &'a Driven) -> DriveResult<'a> {
         let data = &self.scene.get().data;
-        let attack = self.driven.attacked.as_ref().map(|attacked| AttackOfDrive {
+        let attack = driven.attacked.as_ref().map(|attacked| AttackOfDrive {
             ctx: &attacked.ctx,
             before: &attacked.before,
             trajectory: &attacked.plan,
@@ -143,15 +82,33 @@ impl PyEpisode {
             name: &data.name,
             ego: &self.ego,
             seed: self.seed,
-            episode: &self.driven.episode,
+            episode: &driven.episode,
             attack,
         }
     }
+
+    fn record(&self) -> Result<Cow<'_, Record>> {
+        Ok(match &self.content {
+            Content::Recorded(record) => Cow::Borrowed(record),
+            Content::Driven(driven) => Cow::Owned(Record {
+                row: self.result(driven).row()?,
+                ending: self.result(driven).ending()?,
+                page: self.result(driven).page()?,
+                states: states(&driven.episode.drive.motions),
+                states_before: driven.attacked.as_ref().map(|attacked| states(&attacked.before.motions)),
+                plan: driven.attacked.as_ref().map(|attacked| attacked.plan.points().to_vec()),
+            }),
+        })
+    }
+
+    /// A field of the row.
+    fn field<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        self.row(py)?.into_bound(py).get_item(name)
+    }
 }
 
-fn states(py: Python<'_>, motions: &[Motion]) -> PyResult<Py<PyAny>> {
-    let state = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading, motion.speed()];
-    values::shared_array(py, motions.iter().flat_map(state).collect(), &[motions.len(), 4])
+fn array_of_states(py: Python<'_>, states: &[State]) -> PyResult<Py<PyAny>> {
+    values::shared_array(py, states.as_flattened().to_vec(), &[states.len(), 4])
 }
 
 #[pymethods]
@@ -168,66 +125,103 @@ impl PyEpisode {
         &self.ego
     }
 
-    /// x, y, heading and speed of the ego at each frame from 0 on: array (frames, 4), read-only.
+    /// x, y (metres), heading (rad) and speed (m/s) of the ego at each frame from 0 on: array (frames, 4), read-only.
     #[getter]
     fn trajectory(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
-        self.trajectory.get(py, || states(py, &self.driven.episode.drive.motions))
+        self.trajectory.get(py, || match &self.content {
+            Content::Driven(driven) => array_of_states(py, &states(&driven.episode.drive.motions)),
+            Content::Recorded(record) => array_of_states(py, &record.states),
+        })
     }
 
-    /// The same of the drive before the attack, which the attack was planned against; None without an attack.
+    /// x, y, heading and speed of the ego in the drive before the attack, which the attack was planned against: array (frames, 4),
+    /// read-only. None without an attack.
     #[getter]
-    fn before(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
-        let Some(attacked) = &self.driven.attacked else { return Ok(None) };
-        self.before.get(py, || states(py, &attacked.before.motions)).map(Some)
+    fn trajectory_before(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
+        let states = match &self.content {
+            Content::Driven(driven) => {
+                driven.attacked.as_ref().map(|attacked| states(&attacked.before.motions))
+            }
+            Content::Recorded(record) => record.states_before.clone(),
+        };
+        states.map(|states| self.trajectory_before.get(py, || array_of_states(py, &states))).transpose()
+    }
+
+    /// Positions of the adversary's plan, metres: array (80, 2), read-only. None without an attack.
+    #[getter]
+    fn plan(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
+        let points = match &self.content {
+            Content::Driven(driven) => driven.attacked.as_ref().map(|attacked| attacked.plan.points()),
+            Content::Recorded(record) => record.plan.as_deref(),
+        };
+        let array =
+            |points: &[Point]| values::shared_array(py, points.as_flattened().to_vec(), &[points.len(), 2]);
+        points.map(|points| self.plan.get(py, || array(points))).transpose()
     }
 
     /// "contact" or "horizon".
     #[getter]
-    fn end(&self) -> &'static str {
-        match self.driven.episode.end {
-            End::Contact => "contact",
-            End::Horizon => "horizon",
-        }
+    fn end<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.field(py, "end")
     }
 
-    /// All that `sage simulate` records of the drive: a dictionary.
+    /// All that `sage simulate` records of the drive: a dictionary. Steps count from *now*.
     #[getter]
     fn row(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         self.row.get(py, || {
-            let row = detached(py, || self.result().row())?;
+            let row = match &self.content {
+                Content::Driven(driven) => detached(py, || self.result(driven).row())?,
+                Content::Recorded(record) => record.row.clone(),
+            };
             Ok(values::from_json(py, &row)?.unbind())
         })
     }
 
-    /// Contacts of the ego, the first one first: a list of dictionaries.
+    /// Contacts of the ego, the first one first: a list of dictionaries with `step`, `with` (track id), `impact_speed` (m/s), `overlap`
+    /// (metres), `side_hit`, `at_fault`, `class`.
     #[getter]
     fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.row(py)?.into_bound(py).get_item("contacts")
+        self.field(py, "contacts")
     }
 
-    /// Whether the attack works: `attack`, `at_fault`, `solid`, `any_vehicle`. None without an attack.
+    /// What `sage simulate` records of the attack: `avoidable` and `time_to_react` (seconds before the contact at which an evasive
+    /// manoeuvre of the drive before could still begin), `time_to_brake`, `time_to_steer`, `feasible`, `believable`, `verdict`, ... None
+    /// without an attack.
     #[getter]
-    fn verdict<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
-        self.driven.attacked.as_ref().map(|attacked| values::from_serde(py, &attacked.verdict)).transpose()
+    fn attack<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.field(py, "attack")
+    }
+
+    /// Whether the attack works, a dictionary. None without an attack.
+    ///
+    /// - `attack`: the ego's first contact is with the adversary after now, the plan is feasible, and there is no such contact without it.
+    /// - `at_fault`: it works, and nuPlan's rule gives the fault to the ego. `solid`: it works, and the boxes overlap by 0.5 m or more.
+    /// - `any_vehicle`: the first contact is with any vehicle (the published flag).
+    #[getter]
+    fn verdict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        if let Content::Driven(driven) = &self.content {
+            // Without the search for evasive manoeuvres, which the row asks for.
+            return match &driven.attacked {
+                Some(attacked) => values::from_serde(py, &attacked.verdict),
+                None => Ok(py.None().into_bound(py)),
+            };
+        }
+        let attack = self.attack(py)?;
+        if attack.is_none() { Ok(attack) } else { attack.get_item("verdict") }
     }
 
     /// Driven share of the logged route; None if that is below 5 m.
     #[getter]
-    fn completion(&self) -> Option<f64> {
-        self.driven.episode.completion
+    fn completion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.field(py, "completion")
     }
 
-    /// Positions of the adversary's plan, metres: array (80, 2). None without an attack.
-    #[getter]
-    fn plan(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
-        let plan = self.driven.attacked.as_ref().map(|attacked| attacked.plan.points());
-        plan.map(|points| values::shared_array(py, points.as_flattened().to_vec(), &[points.len(), 2]))
-            .transpose()
-    }
-
-    /// A page that plays the drive.
+    /// A page that plays the drive, as text.
     fn html(&self, py: Python<'_>) -> PyResult<String> {
-        detached(py, || self.result().page())
+        match &self.content {
+            Content::Driven(driven) => detached(py, || self.result(driven).page()),
+            Content::Recorded(record) => Ok(record.page.clone()),
+        }
     }
 
     fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
@@ -236,8 +230,40 @@ impl PyEpisode {
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let ending = detached(py, || self.result().ending())?;
+        let ending = match &self.content {
+            Content::Driven(driven) => detached(py, || self.result(driven).ending())?,
+            Content::Recorded(record) => record.ending.clone(),
+        };
         Ok(format!("<Episode of '{}' in '{}': {ending}>", self.ego, self.scene.get().data.name))
+    }
+
+    /// Drives do not change.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
+    }
+
+    #[expect(clippy::type_complexity, reason = "the arguments of `_rebuilt`")]
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (Py<PyScene>, String, u64, String)>> {
+        let record = detached(py, || Ok(serde_json::to_string(&self.record()?)?))?;
+        let rebuild = py.get_type::<Self>().getattr("_rebuilt")?;
+        Ok((rebuild, (self.scene.clone_ref(py), self.ego.clone(), self.seed, record)))
+    }
+
+    #[classmethod]
+    fn _rebuilt(
+        _class: &Bound<'_, PyType>,
+        scene: Py<PyScene>,
+        ego: String,
+        seed: u64,
+        record: &str,
+    ) -> PyResult<Self> {
+        let record = serde_json::from_str(record);
+        let record = record.map_err(|_| OptionError::new_err("the pickled episode is damaged"))?;
+        Ok(Self::of(scene, ego, seed, Content::Recorded(record)))
     }
 }
 
@@ -250,138 +276,15 @@ impl PyEpisode {
 #[pyo3(signature = (scene, ego=None, attack=None, *, seed=0))]
 pub(crate) fn simulate(
     py: Python<'_>,
-    scene: Py<PyScene>,
+    scene: &Bound<'_, PyAny>,
     ego: Option<&Bound<'_, PyAny>>,
     attack: Option<&Bound<'_, PyAny>>,
-    seed: u64,
+    #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
 ) -> PyResult<PyEpisode> {
+    let scene = many::scene_of(scene)?;
     let driver = Driver::of_optional(py, ego, "idm")?;
     let attacker = Attacker::of(attack, seed)?;
     let data = &scene.get().data;
     let driven = detached(py, || Driven::new(data, &driver, &attacker, seed))?;
     Ok(PyEpisode::new(scene, driver.label, seed, driven))
-}
-
-/// One scene of a list, driven.
-type Done = (Option<Py<PyScene>>, Shared, Driven);
-
-fn driven(item: Item, driver: &Driver, attacker: &Attacker, seed: u64) -> Result<Done> {
-    let (object, shared) = item.read()?;
-    let driven = Driven::new(&shared.0, driver, attacker, seed)?;
-    Ok((object, shared, driven))
-}
-
-/// Drives in many scenes, in their order.
-#[pyclass(module = "advsage._advsage", name = "Episodes", frozen)]
-pub(crate) struct PyEpisodes {
-    scenes: Py<PyIterator>,
-    driver: Driver,
-    attacker: Attacker,
-    seed: u64,
-    /// Scenes that a planner with `act_many` drives at once.
-    batch: usize,
-    /// `None` for a planner of Python.
-    ahead: Option<Mutex<Ahead<Item, Done>>>,
-    /// Drives of a batch that are done.
-    done: Mutex<VecDeque<Outcome<Done>>>,
-}
-
-#[pymethods]
-impl PyEpisodes {
-    fn __iter__(slf: Py<Self>) -> Py<Self> {
-        slf
-    }
-
-    fn __next__(slf: &Bound<'_, Self>) -> PyResult<Option<PyEpisode>> {
-        let (py, this) = (slf.py(), slf.get());
-        let outcome = match (&this.ahead, &this.driver.planner) {
-            (Some(ahead), _) => this.next_ahead(py, ahead)?,
-            (None, Some(planner)) if planner.takes_many => this.next_of_batch(py, planner)?,
-            (None, _) => this.next_alone(py)?,
-        };
-        let Some((result, raised)) = outcome else { return Ok(None) };
-        if raised.is_some() {
-            keep_raised(raised);
-        }
-        let (object, shared, driven) = result.map_err(|error| to_python(py, &error))?;
-        let scene = many::object(py, object, shared)?;
-        Ok(Some(PyEpisode::new(scene, this.driver.label.clone(), this.seed, driven)))
-    }
-}
-
-impl PyEpisodes {
-    fn next_ahead(
-        &self,
-        py: Python<'_>,
-        ahead: &Mutex<Ahead<Item, Done>>,
-    ) -> PyResult<Option<Outcome<Done>>> {
-        let Ok(mut ahead) = ahead.try_lock() else {
-            return Err(OptionError::new_err("another thread takes episodes from this iterator"));
-        };
-        let mut scenes = self.scenes.bind(py).clone();
-        while ahead.wants_more() {
-            let Some(scene) = scenes.next() else { break };
-            ahead.give(Item::of(&scene?)?);
-        }
-        Ok(ahead.take(py)?.map(|result| (result, None)))
-    }
-
-    fn next_alone(&self, py: Python<'_>) -> PyResult<Option<Outcome<Done>>> {
-        let Some(scene) = self.scenes.bind(py).clone().next() else { return Ok(None) };
-        py.check_signals()?;
-        let item = Item::of(&scene?)?;
-        let result = py.detach(|| caught(|| driven(item, &self.driver, &self.attacker, self.seed)));
-        self.driver.raise_interrupt()?;
-        Ok(Some((result, None)))
-    }
-
-    fn next_of_batch(&self, py: Python<'_>, planner: &Arc<Planner>) -> PyResult<Option<Outcome<Done>>> {
-        let Ok(mut done) = self.done.try_lock() else {
-            return Err(OptionError::new_err("another thread takes episodes from this iterator"));
-        };
-        if done.is_empty() {
-            let scenes = self.scenes.bind(py).clone().take(self.batch);
-            let items = scenes.map(|scene| Item::of(&scene?)).collect::<PyResult<Vec<_>>>()?;
-            let drive = |item, questions| {
-                let policy = Arc::new(PlannerPolicy(Way::Question(planner.clone(), questions)));
-                let driver = Driver { policy, ..self.driver.clone() };
-                driven(item, &driver, &self.attacker, self.seed)
-            };
-            done.extend(drive_together(py, planner, items, drive)?);
-        }
-        Ok(done.pop_front())
-    }
-}
-
-/// Drives many scenes: an iterator of `Episode`, in the order of the scenes.
-///
-/// The arguments are those of `simulate`, and of `generate_many` for `scenes` and `threads`. A planner that has
-/// `act_many(observations)` drives `batch` scenes at once: it gets a list of observations, one for each drive that still runs, and
-/// returns as many answers; `reset` is called for each drive, and `obs.scene.drive` numbers it. A planner without it drives one
-/// scene after the other.
-#[pyfunction]
-#[pyo3(signature = (scenes, ego=None, attack=None, *, seed=0, threads=None, batch=32))]
-pub(crate) fn simulate_many(
-    py: Python<'_>,
-    scenes: &Bound<'_, PyAny>,
-    ego: Option<&Bound<'_, PyAny>>,
-    attack: Option<&Bound<'_, PyAny>>,
-    seed: u64,
-    threads: Option<usize>,
-    batch: usize,
-) -> PyResult<PyEpisodes> {
-    let driver = Driver::of_optional(py, ego, "idm")?;
-    let attacker = Attacker::of(attack, seed)?;
-    if !(1..=1024).contains(&batch) {
-        return Err(OptionError::new_err(format!("batch is {batch}; expected 1 to 1024")));
-    }
-    let threads = self::threads(threads)?;
-    let scenes = scenes.try_iter()?.unbind();
-    let ahead = if driver.planner.is_some() {
-        None
-    } else {
-        let (driver, attacker) = (driver.clone(), attacker.clone());
-        Some(Mutex::new(Ahead::new(threads, move |item| driven(item, &driver, &attacker, seed))?))
-    };
-    Ok(PyEpisodes { scenes, driver, attacker, seed, batch, ahead, done: Mutex::default() })
 }

@@ -126,12 +126,15 @@ pub(crate) fn to_python(py: Python<'_>, error: &anyhow::Error) -> PyErr {
         },
         Kind::File(path, cause) => {
             let path = path.map(|path| path.display().to_string());
-            let code = cause.raw_os_error();
+            // Temporary files wrap the error of the system, and the exception names the file itself.
+            let code = cause.raw_os_error().or((cause.kind() == io::ErrorKind::NotFound).then_some(2));
+            let said = code.map(|code| io::Error::from_raw_os_error(code).to_string());
+            let said =
+                said.as_deref().and_then(|said| said.split(" (os error").next()).unwrap_or(&text).to_owned();
             if cause.kind() == io::ErrorKind::NotFound {
-                // The code of POSIX, where an error has none of its own.
-                MissingFile::new_err((code.unwrap_or(2), text, path))
+                MissingFile::new_err((code, said, path))
             } else {
-                FileError::new_err((code, text, path))
+                FileError::new_err((code, said, path))
             }
         }
         // The other errors of the libraries are about arguments.

@@ -1,16 +1,21 @@
 //! Folders of scenes, read one at a time.
 
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-use pyo3::{exceptions::PyIndexError, prelude::*};
-use sage_data::{ReadOptions, dataset::Shard, folder};
+use pyo3::{
+    exceptions::PyIndexError,
+    prelude::*,
+    types::{PySlice, PyType},
+};
+use sage_data::{Error, ReadOptions, dataset::Shard, folder, womd::is_record_path};
 
 use crate::{
     errors::{OptionError, detached},
     scene::{PyScene, Reading},
+    values::Reduced,
 };
 
 /// The scenes of a folder, in natural order. A scene is read each time that it is asked for.
@@ -25,7 +30,7 @@ pub(crate) struct PyScenes {
 impl PyScenes {
     /// Paths of the files; a record of a TFRecord file is `FILE#3`.
     #[getter]
-    fn paths(&self) -> Vec<String> {
+    pub(crate) fn paths(&self) -> Vec<String> {
         self.files.iter().map(|file| file.display().to_string()).collect()
     }
 
@@ -33,17 +38,50 @@ impl PyScenes {
         self.files.len()
     }
 
-    fn __getitem__(&self, py: Python<'_>, number: isize) -> PyResult<PyScene> {
+    /// The scene of a number, or the list of a slice.
+    fn __getitem__<'py>(&self, py: Python<'py>, number: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let count = self.files.len();
+        if let Ok(slice) = number.cast::<PySlice>() {
+            let found = slice.indices(count as isize)?;
+            let numbers = (0..found.slicelength as isize).map(|k| (found.start + k * found.step) as usize);
+            let files = numbers.map(|number| self.files[number].clone()).collect();
+            let part = Self { folder: self.folder.clone(), files, reading: self.reading };
+            return Ok(Bound::new(py, part)?.into_any());
+        }
+        let number: isize = number.extract()?;
         let at = if number < 0 { number + count as isize } else { number };
         let file = usize::try_from(at).ok().and_then(|at| self.files.get(at));
         let file =
             file.ok_or_else(|| PyIndexError::new_err(format!("there is no scene {number} of {count}")))?;
-        detached(py, || self.reading.read(file))
+        let scene = detached(py, || self.reading.read(file))?;
+        Ok(Bound::new(py, scene)?.into_any())
     }
 
     fn __iter__(slf: Py<Self>) -> PyScenesInTurn {
         PyScenesInTurn { scenes: slf, next: AtomicUsize::new(0) }
+    }
+
+    #[expect(clippy::type_complexity, reason = "the arguments of `_of_files`")]
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<Reduced<'py, (PathBuf, Vec<PathBuf>, (Option<usize>, [bool; 4]))>> {
+        let Reading { options, keep_source } = self.reading;
+        let flags = [options.resample, options.trust_positions, options.strict, keep_source];
+        let rebuild = py.get_type::<Self>().getattr("_of_files")?;
+        Ok((rebuild, (self.folder.clone(), self.files.clone(), (options.now, flags))))
+    }
+
+    #[classmethod]
+    fn _of_files(
+        _class: &Bound<'_, PyType>,
+        folder: PathBuf,
+        files: Vec<PathBuf>,
+        reading: (Option<usize>, [bool; 4]),
+    ) -> Self {
+        let (now, [resample, trust_positions, strict, keep_source]) = reading;
+        let options = ReadOptions { now, resample, trust_positions, strict };
+        Self { folder, files, reading: Reading { options, keep_source } }
     }
 
     fn __repr__(&self) -> String {
@@ -70,6 +108,16 @@ impl PyScenesInTurn {
     }
 }
 
+/// The scene files of a folder, or the records of a file.
+///
+/// *Errors*: a path that does not exist, or a folder without scenes.
+pub(crate) fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    if !is_record_path(path) {
+        std::fs::metadata(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+    }
+    Ok(folder::scene_files(path)?)
+}
+
 /// Lists the scenes of a folder: files of any format, the files of a data set's summary, and records of TFRecord files. No scene is
 /// read before it is asked for.
 ///
@@ -91,7 +139,7 @@ pub(crate) fn load_folder(
     let shard = shard.transpose().map_err(|problem| OptionError::new_err(format!("shard: {problem}")))?;
     let reading = Reading { options: ReadOptions { now, resample, trust_positions, strict }, keep_source };
     detached(py, || {
-        let mut files = folder::scene_files(&path)?;
+        let mut files: Vec<PathBuf> = files_of(&path)?;
         if let Some(shard) = shard {
             // A record that cannot be named fails when it is read.
             let names = files.iter().map(|file| folder::scene_name(file).unwrap_or_default());

@@ -23,8 +23,8 @@ use sage_sim::{SimScene, attack_test::AttackTest};
 use crate::{
     attack::PyAttack,
     errors::{OptionError, detached},
+    many,
     parts::{Driver, registries},
-    scene::PyScene,
     values,
 };
 
@@ -78,7 +78,19 @@ impl Built {
     }
 }
 
-/// Generates attacks: new futures of the adversary.
+/// Generates attacks, new futures of the adversary: `generator(scene, *, ego=None, seed=0)` returns an `Attack`.
+///
+/// `scene` is a `Scene` or the path of a scene file. `ego` drives before the attack, which is planned against that drive: the name of a
+/// driver ("replay", the recording, by default), or your planner.
+///
+/// - `lambda_`: from the realistic expert, 0, to the adversarial one, 1 (default). Instead `aggression`, 0 to 1, with an even effect, or
+///   `mix`, weights of experts by name ("realistic", "adversarial", "lawful").
+/// - `mu`: weight of attack against realism in the selection, 0 to 1; by default λ.
+/// - `method`: the generator ("sage"), `options`: its options. `merger`: how experts are merged ("linear").
+/// - `selection`: the objective that selects one of the candidates ("natural"), or a JSON file. `feasibility`: another rule for it.
+/// - `weights`: "procedural" (default), "waymo" (`SAGE_WEIGHTS` names their folder), or a folder.
+///
+/// `advsage.names()` lists what there is.
 #[pyclass(frozen, module = "advsage", name = "Generator", weakref)]
 pub(crate) struct PyGenerator {
     /// The keywords that it was made from.
@@ -158,19 +170,20 @@ impl PyGenerator {
     #[pyo3(signature = (scene, *, ego=None, seed=0))]
     fn __call__(
         slf: &Bound<'_, Self>,
-        scene: &Bound<'_, PyScene>,
+        scene: &Bound<'_, PyAny>,
         ego: Option<&Bound<'_, PyAny>>,
-        seed: u64,
+        #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
     ) -> PyResult<PyAttack> {
         let py = slf.py();
         let driver = Driver::of_optional(py, ego, "replay")?;
+        let scene = many::scene_of(scene)?;
         let (generator, data) = (slf.get(), &scene.get().data);
         let (built, seen, attack) = detached(py, || {
             let built = generator.of_seed(seed)?;
             let (seen, attack) = built.attack(data, &driver, seed)?;
             Ok((built, seen, attack))
         })?;
-        Ok(PyAttack::new(slf.clone().unbind(), built, scene.clone().unbind(), seen, attack, seed))
+        Ok(PyAttack::new(slf.clone().unbind(), built, scene, seen, attack, seed))
     }
 
     /// What the generator knows beyond *now*, in words; empty for nothing.
@@ -194,7 +207,11 @@ impl PyGenerator {
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let given = self.keywords.bind(py).iter();
+        let given = self.keywords.bind(py).copy()?;
+        if let Some(weights) = &self.built.named.weights {
+            given.set_item("weights", &weights.name)?;
+        }
+        let given = given.iter();
         let given: Vec<String> =
             given.map(|(key, value)| Ok(format!("{key}={}", value.repr()?))).collect::<PyResult<Vec<_>>>()?;
         Ok(format!("Generator({})", given.join(", ")))

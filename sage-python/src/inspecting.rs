@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use experiments::results;
-use pyo3::{prelude::*, types::PyDict};
+use pyo3::{
+    prelude::*,
+    types::{PyDict, PyType},
+};
 use sage_core::{
     files::{Existing, write},
     objective::{Context, ContextOptions},
@@ -18,7 +21,7 @@ use crate::{
     errors::{OptionError, UnknownName, detached},
     many::Item,
     scene::PyScene,
-    values,
+    values::{self, Reduced},
 };
 
 /// Summary of a scene or of a scene file, as `sage inspect --json` prints it, with `capabilities`: why it cannot be attacked or
@@ -152,6 +155,15 @@ impl PyPicture {
                 .map_err(|source| Error::Write { path: path.clone(), source })?;
             Ok(())
         })
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (String,)>> {
+        Ok((py.get_type::<Self>().getattr("_of_svg")?, (self.svg.clone(),)))
+    }
+
+    #[classmethod]
+    fn _of_svg(_class: &Bound<'_, PyType>, svg: String) -> Self {
+        Self { svg }
     }
 
     fn _repr_svg_(&self) -> &str {

@@ -5,7 +5,9 @@
 
 mod ahead;
 mod attack;
+mod driven;
 mod episode;
+mod episodes;
 mod errors;
 mod folder;
 mod generator;
@@ -19,6 +21,7 @@ mod planner;
 mod scene;
 mod scoring;
 mod searching;
+mod seed;
 mod together;
 mod values;
 
@@ -36,7 +39,7 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<observation::PyToldScene>()?;
     module.add_class::<observation::PyStep>()?;
     module.add_class::<episode::PyEpisode>()?;
-    module.add_class::<episode::PyEpisodes>()?;
+    module.add_class::<episodes::PyEpisodes>()?;
     module.add_class::<folder::PyScenes>()?;
     module.add_class::<folder::PyScenesInTurn>()?;
     module.add_class::<many::PyAttacks>()?;
@@ -49,10 +52,11 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(inspecting::convert, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::draw, module)?)?;
     module.add_function(wrap_pyfunction!(episode::simulate, module)?)?;
-    module.add_function(wrap_pyfunction!(episode::simulate_many, module)?)?;
+    module.add_function(wrap_pyfunction!(episodes::simulate_many, module)?)?;
     module.add_function(wrap_pyfunction!(folder::load_folder, module)?)?;
     module.add_function(wrap_pyfunction!(many::generate_many, module)?)?;
     module.add_function(wrap_pyfunction!(searching::search_each, module)?)?;
+    module.add_function(wrap_pyfunction!(parts::names, module)?)?;
     module.add_function(wrap_pyfunction!(scene::load, module)?)?;
     module.add_function(wrap_pyfunction!(scene::make, module)?)?;
     module.add_function(wrap_pyfunction!(scoring::score, module)?)?;

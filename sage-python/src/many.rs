@@ -2,7 +2,10 @@
 
 use std::{path::PathBuf, sync::Mutex};
 
-use pyo3::{prelude::*, types::PyIterator};
+use pyo3::{
+    prelude::*,
+    types::{PyIterator, PyList},
+};
 use sage_core::generator::Attack;
 use sage_data::ReadOptions;
 
@@ -10,6 +13,7 @@ use crate::{
     ahead::{Ahead, threads},
     attack::PyAttack,
     errors::{OptionError, detached, to_python},
+    folder::{PyScenes, files_of},
     generator::PyGenerator,
     parts::Driver,
     scene::{PyScene, Reading, Shared},
@@ -31,7 +35,7 @@ impl Item {
         }
         let path = value.extract().map_err(|_| {
             let class = value.get_type().name().map_or("value".to_owned(), |name| name.to_string());
-            OptionError::new_err(format!("scenes holds a {class}; expected scenes and paths of scene files"))
+            OptionError::new_err(format!("a {class} is no scene; expected scenes and paths of scene files"))
         })?;
         Ok(Self::Path(path))
     }
@@ -48,6 +52,35 @@ impl Item {
             }
         })
     }
+}
+
+/// A scene, or the scene of a path.
+///
+/// *Errors*: neither, or a file that is no scene.
+pub(crate) fn scene_of(value: &Bound<'_, PyAny>) -> PyResult<Py<PyScene>> {
+    let py = value.py();
+    let item = Item::of(value)?;
+    let (scene, shared) = detached(py, || item.read())?;
+    object(py, scene, shared)
+}
+
+/// The scenes of a list, of a folder, of a file, or a single one.
+///
+/// *Errors*: a folder that cannot be listed; anything else.
+pub(crate) fn iterator(scenes: &Bound<'_, PyAny>) -> PyResult<Py<PyIterator>> {
+    let py = scenes.py();
+    if scenes.is_instance_of::<PyScene>() {
+        return Ok(PyList::new(py, [scenes])?.try_iter()?.unbind());
+    }
+    // A text is a sequence too, of letters.
+    if let Ok(path) = scenes.extract::<PathBuf>() {
+        let paths = detached(py, || files_of(&path))?;
+        return Ok(PyList::new(py, paths)?.try_iter()?.unbind());
+    }
+    if let Ok(folder) = scenes.cast::<PyScenes>() {
+        return Ok(PyList::new(py, folder.get().paths())?.try_iter()?.unbind());
+    }
+    Ok(scenes.try_iter()?.unbind())
 }
 
 /// The object of a scene that was read.
@@ -133,12 +166,12 @@ pub(crate) fn generate_many(
     generator: Py<PyGenerator>,
     scenes: &Bound<'_, PyAny>,
     ego: Option<&Bound<'_, PyAny>>,
-    seed: u64,
+    #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
     threads: Option<usize>,
 ) -> PyResult<PyAttacks> {
     let driver = Driver::of_optional(py, ego, "replay")?;
     let threads = self::threads(threads)?;
-    let scenes = scenes.try_iter()?.unbind();
+    let scenes = iterator(scenes)?;
     let ahead = if driver.planner.is_some() {
         None
     } else {

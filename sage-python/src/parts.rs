@@ -3,12 +3,17 @@
 use std::sync::{Arc, OnceLock};
 
 use anyhow::Result;
-use pyo3::{prelude::*, types::PyString};
+use pyo3::{
+    prelude::*,
+    types::{PyDict, PyString},
+};
 use sage_bench::{Registries, ego::Ego, part::PolicyPart};
+use sage_core::objective::PRESETS;
+use sage_data::procedural::Kind;
 use sage_sim::policy::EgoPolicy;
 
 use crate::{
-    errors::{OptionError, detached},
+    errors::detached,
     planner::{self, Planner, PlannerPolicy, Way},
 };
 
@@ -24,6 +29,28 @@ pub(crate) fn registries() -> Result<&'static Registries> {
             Ok(ALL.get_or_init(|| all))
         }
     }
+}
+
+/// Names that options accept: a dictionary of lists, by option. Options of a part are written `name{"option": value}`.
+#[pyfunction]
+pub(crate) fn names(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+    fn of<T: ?Sized>(registry: &sage_core::registry::Registry<T>) -> Vec<&'static str> {
+        registry.entries().iter().map(|entry| entry.name).collect()
+    }
+    let all = detached(py, registries)?;
+    let dict = PyDict::new(py);
+    // A path, a policy and a program need more than their name.
+    let drivers: Vec<&str> =
+        of(&all.policies).into_iter().filter(|name| !["path", "process"].contains(name)).collect();
+    dict.set_item("ego", drivers)?;
+    dict.set_item("method", of(&all.generators))?;
+    dict.set_item("merger", of(&all.mergers))?;
+    dict.set_item("selection", PRESETS.map(|(name, _)| name))?;
+    dict.set_item("feasibility", of(&all.feasibilities))?;
+    dict.set_item("weights", ["procedural", "waymo", "waymo-paper"])?;
+    dict.set_item("kind", Kind::ALL.map(Kind::name))?;
+    dict.set_item("convention", ["paper", "release"])?;
+    Ok(dict)
 }
 
 /// Who drives the ego.
@@ -63,13 +90,6 @@ impl Driver {
 
     /// The driver of an object with a method `act`.
     fn of_object(object: &Bound<'_, PyAny>) -> PyResult<Self> {
-        if !object.getattr_opt("act")?.is_some_and(|act| act.is_callable()) {
-            return Err(OptionError::new_err(format!(
-                "ego is {}, which has no method `act`; expected the name of a driver such as 'idm', 'py:package.module:Class', or an \
-                 object with `act(obs)`",
-                object.repr()?
-            )));
-        }
         let planner = Arc::new(Planner::new(object)?);
         let policy = Arc::new(PlannerPolicy(Way::Call(planner.clone())));
         Ok(Self { label: planner.name.clone(), policy, planner: Some(planner) })

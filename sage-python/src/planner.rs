@@ -2,18 +2,19 @@
 
 use std::{
     cell::RefCell,
-    collections::VecDeque,
+    collections::{BTreeMap, VecDeque},
     sync::{
-        Arc,
+        Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
+    thread::ThreadId,
 };
 
 use pyo3::{
     exceptions::{PyException, PyKeyboardInterrupt},
     intern,
     prelude::*,
-    types::{PyFloat, PyList, PyString, PyTuple},
+    types::{PyFloat, PyList, PyString, PyTuple, PyType},
 };
 use sage_sim::{
     Error,
@@ -28,7 +29,7 @@ use sage_sim::{
 use serde_json::{Map, Value};
 
 use crate::{
-    errors::OptionError,
+    errors::{OptionError, UnknownName},
     observation::{HISTORY, PyStep, PyToldScene},
     together::Questions,
     values,
@@ -54,7 +55,8 @@ pub(crate) struct Planner {
     object: Py<PyAny>,
     /// Its name in results.
     pub(crate) name: String,
-    /// Whether it takes the observations of several drives at once.
+    /// Whether it takes the observation of one drive, and those of several drives at once.
+    takes_one: bool,
     pub(crate) takes_many: bool,
     /// Set by what is no `Exception`, such as Ctrl-C: no drive asks the planner again.
     is_stopped: AtomicBool,
@@ -63,16 +65,35 @@ pub(crate) struct Planner {
 impl Planner {
     /// The planner of an object.
     ///
-    /// *Errors*: those of reading its name.
+    /// *Errors*: it has no method `act`.
     pub(crate) fn new(object: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = object.py();
         let name = object.getattr_opt(intern!(py, "name"))?;
         let name = match name.filter(|name| name.is_instance_of::<PyString>()) {
             Some(name) => name.extract()?,
-            None => object.get_type().name()?.to_string(),
+            None => match object.cast::<PyType>() {
+                Ok(class) => class.name()?.to_string(),
+                Err(_) => object.get_type().name()?.to_string(),
+            },
         };
-        let takes_many = object.getattr_opt(intern!(py, "act_many"))?.is_some_and(|act| act.is_callable());
-        Ok(Self { object: object.clone().unbind(), name, takes_many, is_stopped: AtomicBool::new(false) })
+        let has = |name: &Bound<'_, PyString>| -> PyResult<bool> {
+            Ok(object.getattr_opt(name)?.is_some_and(|act| act.is_callable()))
+        };
+        let (takes_one, takes_many) = (has(intern!(py, "act"))?, has(intern!(py, "act_many"))?);
+        let problem = if object.is_instance_of::<PyType>() {
+            Some(format!("the class {name}; give an instance: {name}()"))
+        } else if !takes_one && !takes_many {
+            Some(format!("{}, which has no method `act`", object.repr()?))
+        } else {
+            None
+        };
+        if let Some(problem) = problem {
+            return Err(OptionError::new_err(format!(
+                "ego is {problem}; expected the name of a driver such as 'idm', 'py:package.module:Class', or an object with `act(obs)`"
+            )));
+        }
+        let is_stopped = AtomicBool::new(false);
+        Ok(Self { object: object.clone().unbind(), name, takes_one, takes_many, is_stopped })
     }
 
     /// Raises what stopped the planner, if something did.
@@ -109,6 +130,10 @@ impl Planner {
     ///
     /// *Errors*: what it raised, or what is wrong with its answer, in words.
     pub(crate) fn act(&self, py: Python<'_>, scene: &Py<PyAny>, asked: Asked) -> Result<Answer, String> {
+        if !self.takes_one {
+            let mut answers = self.act_many(py, vec![(scene.clone_ref(py), asked)]);
+            return answers.pop().unwrap_or_else(|| Err("it gave no answer".to_owned()));
+        }
         let car = asked.car;
         let act = || self.object.call_method1(py, intern!(py, "act"), (observation(py, scene, asked)?,));
         answer_of(self.caught(py, act())?.bind(py), &car)
@@ -177,6 +202,43 @@ fn observation<'py>(py: Python<'py>, scene: &Py<PyAny>, asked: Asked) -> PyResul
     class.call1((PyStep::new(asked.told, asked.steps, asked.observation), scene))
 }
 
+/// Objects that drive, with their threads. An object keeps what its drive needs, so two threads would drive with a mixture.
+static DRIVING: Mutex<BTreeMap<usize, (ThreadId, usize)>> = Mutex::new(BTreeMap::new());
+
+/// An object that drives in this thread.
+struct Busy(usize);
+
+impl Busy {
+    /// Takes an object for this thread.
+    ///
+    /// *Errors*: another thread drives with it.
+    fn of(object: &Py<PyAny>) -> Result<Self, String> {
+        let (address, thread) = (object.as_ptr() as usize, std::thread::current().id());
+        let mut all = DRIVING.lock().unwrap_or_else(PoisonError::into_inner);
+        let (owner, drives) = all.entry(address).or_insert((thread, 0));
+        if *owner != thread {
+            return Err(
+                "it drives in another thread at the same time; give each thread a planner of its own"
+                    .to_owned(),
+            );
+        }
+        *drives += 1;
+        Ok(Self(address))
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        let mut all = DRIVING.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, drives)) = all.get_mut(&self.0) {
+            *drives -= 1;
+            if *drives == 0 {
+                all.remove(&self.0);
+            }
+        }
+    }
+}
+
 /// How the drives of a policy reach their planner.
 #[derive(Clone)]
 pub(crate) enum Way {
@@ -205,6 +267,7 @@ impl EgoPolicy for PlannerPolicy {
             seed: start.seed(),
             told: None,
             scene: None,
+            busy: None,
             follower: Follower::default(),
             steps: VecDeque::with_capacity(HISTORY),
             shown: None,
@@ -220,6 +283,8 @@ struct PlannerDriver {
     told: Option<Arc<ToldScene>>,
     /// The scene as the planner got it, if it is called here.
     scene: Option<Py<PyAny>>,
+    /// Keeps other threads from driving with the same object meanwhile.
+    busy: Option<Busy>,
     follower: Follower,
     /// The last steps at which it was asked.
     steps: VecDeque<Arc<ToldStep>>,
@@ -278,7 +343,10 @@ impl PlannerDriver {
             Way::Call(planner) => Python::attach(|py| {
                 let scene = match &self.scene {
                     Some(scene) => scene,
-                    None => self.scene.insert(planner.reset(py, &asked.told, 0)?),
+                    None => {
+                        self.busy = Some(Busy::of(&planner.object)?);
+                        self.scene.insert(planner.reset(py, &asked.told, 0)?)
+                    }
                 };
                 planner.act(py, scene, asked)
             }),
@@ -332,5 +400,11 @@ pub(crate) fn imported<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, 
     let Some((module, class)) = name.rsplit_once(':') else {
         return Err(OptionError::new_err(format!("ego is `py:{name}`; expected `py:package.module:Class`")));
     };
-    py.import(module)?.getattr(class)?.call0()
+    let found = py.import(module)?;
+    let Some(class) = found.getattr_opt(class)? else {
+        return Err(UnknownName::new_err(format!(
+            "ego is `py:{name}`, and the module `{module}` has no `{class}`"
+        )));
+    };
+    class.call0()
 }

@@ -294,10 +294,20 @@ impl PyScene {
         })
     }
 
-    /// Writes the scene: a native file if the name ends in `.safetensors`, else a MetaDrive pickle. Replaces a file.
+    /// Writes the scene: a MetaDrive pickle (`.pkl`) or a native file (`.safetensors`). Replaces a file.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         detached(py, || {
-            let native = path.extension().is_some_and(|ending| ending == "safetensors");
+            let native = match path.extension().and_then(|ending| ending.to_str()) {
+                Some("safetensors") => true,
+                Some("pkl") => false,
+                _ => {
+                    let problem = format!(
+                        "`{}` ends in neither .pkl nor .safetensors; sage.convert writes other formats",
+                        path.display()
+                    );
+                    return Err(sage_bench::Error::Value(problem).into());
+                }
+            };
             let bytes = self.bytes(native)?;
             sage_core::files::write(&path, &bytes, sage_core::files::Existing::Replace)
                 .map_err(|source| sage_data::Error::Write { path: path.clone(), source })?;
@@ -377,6 +387,12 @@ impl Reading {
 
 /// Reads a scene file of any format: a MetaDrive or ScenarioNet pickle, a native file, or a record of a TFRecord file of the
 /// Waymo Open Motion Dataset (`FILE#3`).
+///
+/// - `ego`, `adversary`: track ids, in place of those of the file.
+/// - `now`: the frame at 10 Hz that becomes now; the scene is then the window from 1 s before it to 8 s after it.
+/// - `resample`: also take recordings below 5 Hz. `trust_positions`: compute velocities and headings from positions.
+/// - `strict`: refuse a scene in which a track cannot be used, in place of leaving the track out with a note.
+/// - `keep_source=False`: drop what the file holds beyond the scene, which halves the memory; the scene is written as a new file then.
 #[pyfunction]
 #[pyo3(signature = (path, *, ego=None, adversary=None, now=None, resample=false, trust_positions=false, strict=false, keep_source=true))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
@@ -410,9 +426,17 @@ pub(crate) fn load(
 }
 
 /// A procedural scene: no recording, no licence.
+///
+/// `kind` is "straight", "curve", "merge", "four-way", "t-junction", "roundabout" or "divided". Each `seed` and `number` (0, 1, 2, ...) is
+/// another scene of it.
 #[pyfunction]
 #[pyo3(signature = (kind, seed=0, number=0))]
-pub(crate) fn make(py: Python<'_>, kind: &str, seed: u64, number: u64) -> PyResult<PyScene> {
+pub(crate) fn make(
+    py: Python<'_>,
+    kind: &str,
+    #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
+    #[pyo3(from_py_with = crate::seed::seed)] number: u64,
+) -> PyResult<PyScene> {
     let found = Kind::from_name(kind).ok_or_else(|| {
         let known = Kind::ALL.map(Kind::name).join(", ");
         UnknownName::new_err(format!("unknown kind of scene `{kind}`; known: {known}"))

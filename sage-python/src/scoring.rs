@@ -32,7 +32,8 @@ struct ScoreRow {
 /// Scores trajectories of the adversary: one dictionary each, as `sage score --json` prints them.
 ///
 /// `candidates` is an array (n, 80, 2) or (80, 2): positions from frame 11 on, metres. `ego` is the ego's path in the same
-/// frames, (n, 2) positions or (n, 3) with headings; without it the recording.
+/// frames, (n, 2) positions or (n, 3) with headings; without it the recording. `convention` is "paper", or "release", as the published
+/// code computes; `sizes` "logged", or "metadrive", the boxes of its vehicle classes. `avoidable` also searches evasive manoeuvres.
 #[pyfunction]
 #[pyo3(signature = (scene, candidates, *, convention="paper", ego=None, sizes="logged", avoidable=false))]
 pub(crate) fn score<'py>(

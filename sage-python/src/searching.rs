@@ -22,7 +22,7 @@ use crate::{
     ahead::{Ahead, threads},
     errors::{OptionError, UnknownName, detached, to_python},
     generator::{part, points},
-    many::{Item, object},
+    many::{Item, iterator, object},
     parts::{Driver, registries},
     scene::{PyScene, Shared},
     values,
@@ -158,7 +158,7 @@ pub(crate) fn search_each(
     first: bool,
     order: &str,
     plans: usize,
-    seed: u64,
+    #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
     threads: Option<usize>,
 ) -> PyResult<PySearched> {
     let driver = Driver::of(py, ego)?;
@@ -190,7 +190,7 @@ pub(crate) fn search_each(
         seed,
     };
     let threads = self::threads(threads)?;
-    let scenes = scenes.try_iter()?.unbind();
+    let scenes = iterator(scenes)?;
     let options = SearchOptions { budget, require, first, order, ..SearchOptions::default() };
     let is_python = driver.planner.is_some();
     let searcher = Arc::new(detached(py, || {

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import subprocess
 import sys
 import threading
 import unittest
@@ -205,6 +206,100 @@ class Planners(InFolder):
                 sage.simulate(self.scene, Answers())
             self.assertIn(said, str(caught.exception))
 
+    def test_adapters(self):
+        """Planners of nuPlan, Gymnasium and MetaDrive, by doubles; that of nuPlan drives as over the door."""
+        program = """
+import sys
+sys.path.insert(0, {folder!r})
+from nuplan_adapter import from_nuplan
+
+class Straight:
+    def initialize(self, initialization):
+        self.route = initialization.route
+    def compute_planner_trajectory(self, current):
+        ego, observation = current.history.current_state
+        assert len(current.history.ego_states) == len(current.history.observations) <= 10
+        v = ego.dynamic_car_state.speed
+        return [(ego.rear_axle.x + 0.1 * k * v, ego.rear_axle.y, ego.rear_axle.heading) for k in range(41)]
+
+planner = from_nuplan(Straight())
+if __name__ == "__main__":
+    from sage_planner import serve
+    serve(planner)
+""".format(folder=str(PLANNERS))
+        path = os.path.join(self.folder, "straight.py")
+        with open(path, "w") as file:
+            file.write(program)
+        names = {"__name__": "straight"}
+        exec(compile(program, path, "exec"), names)
+        own = sage.simulate(self.scene, names["planner"])
+        self.assertTrue(np.array_equal(own.trajectory, sage.simulate(self.scene, f"cmd:{sys.executable} {path}").trajectory))
+
+        class Model:
+            def predict(self, observation, deterministic):
+                assert observation.shape == (101,) and deterministic
+                return np.array([0.0, 0.2], dtype=np.float32), None
+
+        class Policy:
+            def act(self, agent):
+                return [0.0, 0.2] if self.observation.t > 0.5 else [0.0, 0.1]
+
+        for planner in (sage.planner.from_gym(Model()), sage.planner.from_metadrive(Policy())):
+            self.assertGreater(len(sage.simulate(self.scene, planner).trajectory), 10)
+
+    def test_ctrl_c(self):
+        """Work that would take minutes ends at once."""
+        for work in (
+            "for attack in sage.generate_many(sage.Generator(), scenes()): pass",
+            "sage.search(scenes(), 'pdm', budget=64)",
+            "sage.stress('expert', scenes())",
+            "sage.stress(Planner(), scenes())",
+            "sage.stress(Many(), scenes())",
+        ):
+            script = f"""
+import itertools, os, signal, threading, time
+import advsage as sage
+class Planner:
+    def act(self, obs):
+        return 0.0, 0.1
+class Many(Planner):
+    def act_many(self, observations):
+        return [(0.0, 0.1)] * len(observations)
+def scenes():
+    scene = sage.make("four-way", 1)
+    return itertools.repeat(scene, 100_000)
+def interrupt():
+    time.sleep(1.0)
+    global at
+    at = time.monotonic()
+    os.kill(os.getpid(), signal.SIGINT)
+threading.Thread(target=interrupt, daemon=True).start()
+try:
+    {work}
+except KeyboardInterrupt:
+    print(time.monotonic() - at)
+"""
+            with self.subTest(work=work):
+                done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+                self.assertTrue(done.stdout, done.stderr)
+                # The bar is a second; a machine that does other work besides gets more.
+                self.assertLess(float(done.stdout), 5.0)
+                if os.environ.get("SAGE_PRINT"):
+                    print(work, done.stdout.strip())
+
+    def test_a_planner_may_call_the_package(self):
+        scene = self.scene
+
+        class Calls:
+            def reset(self, told, seed):
+                self.plan = sage.Generator()(scene).trajectory
+                self.others = list(sage.simulate_many([scene] * 2, "idm", threads=2))
+
+            def act(self, obs):
+                return 0.0, 0.1
+
+        self.assertGreater(len(sage.simulate(scene, Calls()).trajectory), 10)
+
     def test_planners_are_let_go(self):
         import weakref
 
@@ -220,8 +315,6 @@ class Planners(InFolder):
         script = "import warnings; warnings.simplefilter('error'); import advsage"
         for environment, is_told in [({"RAYON_NUM_THREADS": "4"}, True), ({}, False),
                                      ({"RAYON_NUM_THREADS": "4", "ADVSAGE_KEEP_THREADS": "1"}, False)]:
-            import subprocess
-
             clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
             done = subprocess.run([sys.executable, "-c", script], env={**clean, **environment}, capture_output=True, text=True)
             self.assertEqual("RuntimeWarning" in done.stderr, is_told, done.stderr)

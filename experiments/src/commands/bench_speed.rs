@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// The scene in the binary, for a measurement without data.
-const BUILT_IN: &[u8] = include_bytes!("../../../examples/crossing.pkl");
+const BUILT_IN: &[u8] = include_bytes!("../../crossing.pkl");
 
 pub(crate) fn run(args: &SpeedArgs, registries: &Registries) -> Result<Outcome> {
     let data = match &args.data {

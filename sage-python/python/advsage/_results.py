@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, TypeVar, overload
 
 from . import _advsage
-from .errors import FormatError, PlannerError, SceneError
+from .errors import FileError, FormatError, PlannerError, SceneError
 from .planner import Planner
 
 SceneLike = _advsage.Scene | str | os.PathLike[str]
 Result = TypeVar("Result")
+#: Exceptions by name of the scene.
+Errors = dict[str, Exception]
 
 
 class Failure:
@@ -41,16 +44,17 @@ class Failure:
 
 
 class Failures(Sequence[Failure]):
-    """What a search found: a sequence of `Failure`, and `scenes`, a dictionary for each scene that was searched."""
+    """What a search found: a sequence of `Failure`, `scenes`, a dictionary for each scene that was searched, and `errors`."""
 
-    def __init__(self, failures: list[Failure], scenes: list[dict[str, Any]], errors: dict[str, str]) -> None:
+    def __init__(self, failures: list[Failure], scenes: list[dict[str, Any]], errors: Errors) -> None:
         self._failures = failures
-        #: Why scenes could not be searched, by name: a text that begins with the class of the exception.
-        self.errors = errors
         #: For each scene what `sage search` records of it: `scene`, `drives`, `failures`, `reason`, ...
         self.scenes = scenes
+        #: Why scenes could not be searched: exceptions by name of the scene.
+        self.errors = errors
 
     def __len__(self) -> int:
+        """Number of failures."""
         return len(self._failures)
 
     @overload
@@ -67,7 +71,7 @@ class Failures(Sequence[Failure]):
         import pandas  # type: ignore[import-untyped,unused-ignore]
 
         def row(failure: Failure) -> dict[str, Any]:
-            plan, contact = failure.row["plan"], failure.row["contact"]
+            plan, contact, clauses = failure.row["plan"], failure.row["contact"], failure.row["clauses"]
             return {
                 "scene": failure.scene.name,
                 "ego": failure.row["ego"],
@@ -80,6 +84,7 @@ class Failures(Sequence[Failure]):
                 "overlap": contact["overlap"],
                 "class": contact["class"],
                 "reward": failure.row["reward"],
+                **clauses,
                 "time_to_react": failure.row.get("time_to_react"),
             }
 
@@ -87,7 +92,7 @@ class Failures(Sequence[Failure]):
 
     def __repr__(self) -> str:
         failing = sum(row["failures"] > 0 for row in self.scenes)
-        return f"<Failures: {len(self)} in {failing} of {len(self.scenes)} scenes>"
+        return f"<Failures: {len(self)} in {failing} of {len(self.scenes)} scenes{_without(self.errors)}>"
 
 
 def search(
@@ -118,14 +123,14 @@ def search(
     decides which is next (`order`: "surrogate", "random", "pool"). A failure meets all clauses of `require`, of
     "attack,believable,at-fault,avoidable" (all by default); `first` stops at the first one. Plans are those of several
     generators, or of one `method` with its `options`. The other options are those of `Generator`. A scene that cannot be
-    searched is in `errors` of the result.
+    read or searched is in `errors` of the result, with the exception.
     """
     names: list[str] = []
     failures: list[Failure] = []
     rows: list[dict[str, Any]] = []
-    errors: dict[str, str] = {}
+    errors: Errors = {}
     searched = _advsage.search_each(
-        _named(scenes, names),
+        _named(_listed(scenes), names),
         ego,
         budget=budget,
         require=require,
@@ -152,15 +157,17 @@ def search(
 
 
 class Stress(Sequence[_advsage.Episode]):
-    """A driver under attack in many scenes: a sequence of `Episode`, `errors` by scene, and the rates of `table()`."""
+    """A driver under attack in many scenes: a sequence of `Episode`, the shares of `table()`, and `errors`."""
 
-    def __init__(self, ego: str, episodes: list[_advsage.Episode], errors: dict[str, str]) -> None:
+    def __init__(self, ego: str, episodes: list[_advsage.Episode], errors: Errors) -> None:
+        #: Name of the driver.
         self.ego = ego
         self._episodes = episodes
-        #: Why scenes have no result, by name: a text that begins with the class of the exception.
+        #: Why scenes have no result: exceptions by name of the scene.
         self.errors = errors
 
     def __len__(self) -> int:
+        """Number of scenes with a result."""
         return len(self._episodes)
 
     @overload
@@ -174,30 +181,54 @@ class Stress(Sequence[_advsage.Episode]):
 
     @property
     def attacked(self) -> int:
-        """Number of scenes in which the attack works."""
+        """Number of scenes in which the attack works: the driver's first contact is with the adversary, and it has none without
+        the attack."""
         return self._count("attack")
 
     @property
     def at_fault(self) -> int:
-        """Number of scenes in which it works and the driver is at fault."""
+        """Number of scenes in which the attack works and nuPlan's rule gives the fault to the driver."""
         return self._count("at_fault")
 
     def _count(self, name: str) -> int:
         return sum(episode.verdict is not None and episode.verdict[name] for episode in self)
 
     def table(self) -> str:
-        """The rates with 95 % intervals (Wilson), as text."""
-        lines = [f"{self.ego}: {len(self)} scenes"]
+        """The shares with 95 % intervals (Wilson), and what has no result, as text."""
+        lines = [f"{self.ego}: {_scenes(len(self))}"]
         for name, count in [("attacked", self.attacked), ("attacked, driver at fault", self.at_fault)]:
+            if len(self) == 0:
+                lines.append(f"  {name}: –")
+                continue
             low, high = wilson(count, len(self))
-            share = 100.0 * count / len(self) if len(self) else math.nan
+            share = 100.0 * count / len(self)
             lines.append(f"  {name}: {count} ({share:.0f} %, 95 % interval {100 * low:.0f} to {100 * high:.0f} %)")
-        lines += [f"  no result in '{name}': {error}" for name, error in self.errors.items()]
+        lines += [f"  no result in '{name}': {_words(error)}" for name, error in self.errors.items()]
         return "\n".join(lines)
 
+    def to_pandas(self) -> Any:
+        """A frame with a row for each scene; needs pandas."""
+        import pandas  # type: ignore[import-untyped,unused-ignore]
+
+        def row(episode: _advsage.Episode) -> dict[str, Any]:
+            first = episode.contacts[0] if episode.end == "contact" else {}
+            return {
+                "scene": episode.scene.name,
+                "ego": episode.ego,
+                **(episode.verdict or {}),
+                "end": episode.end,
+                "steps": len(episode.trajectory) - 1,
+                "completion": episode.completion,
+                "contact_with": first.get("with"),
+                "impact_speed": first.get("impact_speed"),
+                "class": first.get("class"),
+                "time_to_react": (episode.attack or {}).get("time_to_react"),
+            }
+
+        return pandas.DataFrame([row(episode) for episode in self])
+
     def __repr__(self) -> str:
-        errors = f", {len(self.errors)} without a result" if self.errors else ""
-        return f"<Stress of '{self.ego}': attacked in {self.attacked} of {len(self)} scenes{errors}>"
+        return f"<Stress of '{self.ego}': attacked in {self.attacked} of {_scenes(len(self))}{_without(self.errors)}>"
 
 
 def stress(
@@ -213,13 +244,14 @@ def stress(
     drives again.
 
     `scenes` is a folder, a scene, or a list of scenes and paths; `attack` a `Generator`, by default SAGE at λ = 1. A scene in which
-    the planner fails, or that cannot be attacked, is in `errors` of the result.
+    the planner fails, or that cannot be read or attacked, is in `errors` of the result, with the exception. `batch` is the number of
+    scenes that a planner with `act_many` drives at once, `threads` that of other drivers than planners of Python.
     """
     names: list[str] = []
-    errors: dict[str, str] = {}
+    errors: Errors = {}
     generator = _advsage.Generator() if attack is None else attack
     drives = _advsage.simulate_many(
-        _named(scenes, names), planner, generator, seed=seed, threads=threads, batch=batch
+        _named(_listed(scenes), names), planner, generator, seed=seed, threads=threads, batch=batch
     )
     episodes = list(_each(drives, names, errors))
     name = planner if isinstance(planner, str) else getattr(planner, "name", type(planner).__name__)
@@ -236,29 +268,59 @@ def wilson(count: int, total: int, z: float = 1.959963984540054) -> tuple[float,
     return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
-def _named(scenes: SceneLike | Iterable[SceneLike], names: list[str]) -> Iterator[SceneLike]:
-    """The scenes of a folder, a file, one scene, or a list, one after another. Notes their names."""
+def _listed(scenes: SceneLike | Iterable[SceneLike]) -> Iterable[SceneLike]:
+    """The scenes of a folder, a file, one scene, or a list. Those of a folder are paths, so that each is read where it is worked on,
+    and one that is no scene costs no other."""
     if isinstance(scenes, _advsage.Scene):
-        scenes = [scenes]
-    elif isinstance(scenes, (str, os.PathLike)):
-        # Paths, so that each is read where it is worked on, and one that is no scene costs no other.
-        scenes = _advsage.load_folder(scenes).paths
-    elif isinstance(scenes, _advsage.Scenes):
-        scenes = scenes.paths
+        return [scenes]
+    if isinstance(scenes, (str, os.PathLike)):
+        return _advsage.load_folder(scenes).paths
+    if isinstance(scenes, _advsage.Scenes):
+        return scenes.paths
+    return scenes
+
+
+def _named(scenes: Iterable[SceneLike], names: list[str]) -> Iterator[SceneLike]:
+    """The scenes, one after another. Notes their names, which are different."""
     for scene in scenes:
-        names.append(scene.name if isinstance(scene, _advsage.Scene) else str(scene))
+        name = own = scene.name if isinstance(scene, _advsage.Scene) else os.path.splitext(os.path.basename(scene))[0]
+        number = 1
+        while name in names:
+            number += 1
+            name = f"{own} ({number})"
+        names.append(name)
         yield scene
 
 
-def _each(results: Iterator[Result], names: list[str], errors: dict[str, str]) -> Iterator[Result]:
-    """The results, in the order of the scenes. Notes why others have none, and goes on."""
-    number = 0
+def _each(results: Iterator[Result], names: list[str], errors: Errors) -> Iterator[Result]:
+    """The results, in the order of the scenes. Notes why others have none, and goes on; says so if there is none at all."""
+    number = found = 0
     while True:
         try:
-            yield next(results)
+            result = next(results)
         except StopIteration:
-            return
-        except (FormatError, PlannerError, SceneError) as error:
-            raised = error.__cause__ or error
-            errors[names[number]] = f"{type(raised).__name__}: {raised}"
+            break
+        except (FileError, FormatError, PlannerError, SceneError) as error:
+            # What a planner raised says more than that it failed.
+            raised = error.__cause__ if isinstance(error.__cause__, Exception) else error
+            errors[names[number]] = raised
+        else:
+            found += 1
+            yield result
         number += 1
+    if errors and not found:
+        name, first = next(iter(errors.items()))
+        text = f"none of {_scenes(number)} has a result; the first, '{name}': {_words(first)}"
+        warnings.warn(text, RuntimeWarning, stacklevel=4)
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def _scenes(count: int) -> str:
+    return f"{count} scene" if count == 1 else f"{count} scenes"
+
+
+def _without(errors: Errors) -> str:
+    return f", {len(errors)} without a result" if errors else ""

@@ -44,6 +44,9 @@ class Scene(sage_planner.Scene):
         self.car = Car(told.car())
         self.lights = told.lights()
 
+    def __repr__(self):
+        return f"<Scene '{self.id}': route of {self.route.length:.0f} m, {len(self.lights)} lights>"
+
     @cached_property
     def map(self):
         """Features of the map within 50 m of the route: dictionaries as in the message `reset` of the protocol."""
@@ -90,6 +93,9 @@ class Observation(sage_planner.Observation):
         #: Time since the start of the drive.
         self.t = step.t
 
+    def __repr__(self):
+        return f"<Observation at {self.t:.1f} s: {self.ego!r}, {len(self.agents)} agents>"
+
     @cached_property
     def ego(self):
         """The driven car: `x`, `y`, `heading`, `vx`, `vy`, `yaw_rate`, `speed`."""
@@ -97,7 +103,7 @@ class Observation(sage_planner.Observation):
 
     @cached_property
     def ego_row(self):
-        """The same: array (7,) of x, y, heading, vx, vy, length, width."""
+        """The driven car as a row of `agent_rows`: array (7,) of x, y, heading, vx, vy, length, width."""
         x, y, heading, vx, vy, _ = self._step.ego()
         return np.array([x, y, heading, vx, vy, self.scene.car.length, self.scene.car.width])
 
@@ -108,12 +114,12 @@ class Observation(sage_planner.Observation):
 
     @cached_property
     def agent_ids(self):
-        """Their track ids."""
+        """Track ids of the other road users, the nearest first."""
         return self._step.agent_ids()
 
     @cached_property
     def agent_rows(self):
-        """Their numbers: array (agents, 7) of x, y, heading, vx, vy, length, width."""
+        """The other road users, the nearest first: array (agents, 7) of x, y, heading, vx, vy, length, width (metres, radians, m/s)."""
         return self._step.agent_rows()
 
     @cached_property
@@ -122,7 +128,8 @@ class Observation(sage_planner.Observation):
 
     @property
     def agent_history(self):
-        """The same over ten frames, the present one last: array (64, 10, 7). Road users are in the present order."""
+        """The rows of the other road users over ten frames, the present one last: array (64, 10, 7). They are in the present order; rows
+        behind the last road user, and frames in which one was not seen, are 0 and not in `agent_mask`."""
         return self._history[0]
 
     @property

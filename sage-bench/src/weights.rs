@@ -25,7 +25,7 @@ const WAYMO: &str = "waymo";
 /// The same prior with experts of the paper's objectives.
 const WAYMO_PAPER: &str = "waymo-paper";
 /// Names of the weights that this project ships.
-const SHIPPED: [&str; 3] = [DEFAULT, WAYMO, WAYMO_PAPER];
+pub const SHIPPED: [&str; 3] = [DEFAULT, WAYMO, WAYMO_PAPER];
 /// Prefix of a backbone's name that selects its initial weights, as a baseline.
 const UNTRAINED: &str = "untrained:";
 

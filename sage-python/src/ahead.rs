@@ -3,7 +3,7 @@
 use std::{
     collections::BTreeMap,
     sync::{
-        Arc,
+        Arc, Mutex, MutexGuard,
         atomic::{AtomicBool, Ordering},
         mpsc::{Receiver, RecvTimeoutError, Sender, channel},
     },
@@ -31,6 +31,24 @@ pub(crate) fn threads(given: Option<usize>) -> PyResult<usize> {
     }
 }
 
+/// The turn of one thread to take from an iterator. Taken by two at once, results would belong to the scenes of the other.
+#[derive(Default)]
+pub(crate) struct Turn(Mutex<()>);
+
+impl Turn {
+    /// The turn of this thread. Looks for Ctrl-C first: a function of C that takes all of an iterator never does.
+    ///
+    /// *Errors*: Ctrl-C; another thread takes from this iterator.
+    pub(crate) fn take(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, ()>> {
+        py.check_signals()?;
+        self.0.try_lock().map_err(|_| {
+            OptionError::new_err(
+                "another thread takes from this iterator; give each thread an iterator of its own",
+            )
+        })
+    }
+}
+
 /// The only place that starts threads. Nothing keeps a pool longer than its work, so a process that forks between two calls has
 /// none.
 pub(crate) fn pool(threads: usize) -> PyResult<ThreadPool> {
@@ -54,6 +72,8 @@ pub(crate) struct Ahead<T, R> {
     taken: usize,
     most: usize,
     is_cancelled: Arc<AtomicBool>,
+    /// The process that has the threads.
+    process: u32,
 }
 
 impl<T: Send + 'static, R: Send + 'static> Ahead<T, R> {
@@ -73,6 +93,7 @@ impl<T: Send + 'static, R: Send + 'static> Ahead<T, R> {
             taken: 0,
             most: FOR_EACH_THREAD * threads,
             is_cancelled: Arc::default(),
+            process: std::process::id(),
         })
     }
 
@@ -94,12 +115,23 @@ impl<T: Send + 'static, R: Send + 'static> Ahead<T, R> {
         });
     }
 
+    /// Takes an error in place of an item, as its result.
+    pub(crate) fn give_failed(&mut self, error: anyhow::Error) {
+        self.ready.insert(self.given, Err(error));
+        self.given += 1;
+    }
+
     /// The next result in the order of the items; `None` after the last one that was given.
     ///
-    /// *Errors*: Ctrl-C.
+    /// *Errors*: Ctrl-C; a child that was forked, which has no threads.
     pub(crate) fn take(&mut self, py: Python<'_>) -> PyResult<Option<anyhow::Result<R>>> {
         if self.taken == self.given {
             return Ok(None);
+        }
+        if self.process != std::process::id() {
+            return Err(OptionError::new_err(
+                "this iterator was begun in another process; begin one in each process",
+            ));
         }
         loop {
             if let Some(result) = self.ready.remove(&self.taken) {

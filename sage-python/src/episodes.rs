@@ -2,18 +2,18 @@
 
 use std::{
     collections::VecDeque,
-    sync::{Arc, Mutex},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 use anyhow::Result;
 use pyo3::{prelude::*, types::PyIterator};
 
 use crate::{
-    ahead::{Ahead, threads},
+    ahead::{Ahead, Turn, threads},
     driven::{Attacker, Driven},
     episode::PyEpisode,
-    errors::{OptionError, caught, to_python},
-    many::{self, Item},
+    errors::{OptionError, Raised, caught, to_python},
+    many::{self, Item, next_ahead},
     parts::Driver,
     planner::{Planner, PlannerPolicy, Way, keep_raised},
     scene::{PyScene, Shared},
@@ -42,6 +42,7 @@ pub(crate) struct PyEpisodes {
     ahead: Option<Mutex<Ahead<Item, Done>>>,
     /// Drives of a batch that are done.
     done: Mutex<VecDeque<Outcome<Done>>>,
+    turn: Turn,
 }
 
 #[pymethods]
@@ -52,8 +53,9 @@ impl PyEpisodes {
 
     fn __next__(slf: &Bound<'_, Self>) -> PyResult<Option<PyEpisode>> {
         let (py, this) = (slf.py(), slf.get());
+        let _turn = this.turn.take(py)?;
         let outcome = match (&this.ahead, &this.driver.planner) {
-            (Some(ahead), _) => this.next_ahead(py, ahead)?,
+            (Some(ahead), _) => next_ahead(ahead, this.scenes.bind(py))?.map(|result| (result, None)),
             (None, Some(planner)) if planner.takes_many => this.next_of_batch(py, planner)?,
             (None, _) => this.next_alone(py)?,
         };
@@ -68,25 +70,8 @@ impl PyEpisodes {
 }
 
 impl PyEpisodes {
-    fn next_ahead(
-        &self,
-        py: Python<'_>,
-        ahead: &Mutex<Ahead<Item, Done>>,
-    ) -> PyResult<Option<Outcome<Done>>> {
-        let Ok(mut ahead) = ahead.try_lock() else {
-            return Err(OptionError::new_err("another thread takes episodes from this iterator"));
-        };
-        let mut scenes = self.scenes.bind(py).clone();
-        while ahead.wants_more() {
-            let Some(scene) = scenes.next() else { break };
-            ahead.give(Item::of(&scene?)?);
-        }
-        Ok(ahead.take(py)?.map(|result| (result, None)))
-    }
-
     fn next_alone(&self, py: Python<'_>) -> PyResult<Option<Outcome<Done>>> {
         let Some(scene) = self.scenes.bind(py).clone().next() else { return Ok(None) };
-        py.check_signals()?;
         let item = Item::of(&scene?)?;
         let result = py.detach(|| caught(|| driven(item, &self.driver, &self.attacker, self.seed)));
         self.driver.raise_interrupt()?;
@@ -94,18 +79,26 @@ impl PyEpisodes {
     }
 
     fn next_of_batch(&self, py: Python<'_>, planner: &Arc<Planner>) -> PyResult<Option<Outcome<Done>>> {
-        let Ok(mut done) = self.done.try_lock() else {
-            return Err(OptionError::new_err("another thread takes episodes from this iterator"));
-        };
+        let mut done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
         if done.is_empty() {
-            let scenes = self.scenes.bind(py).clone().take(self.batch);
-            let items = scenes.map(|scene| Item::of(&scene?)).collect::<PyResult<Vec<_>>>()?;
+            let (mut items, mut failed) = (Vec::new(), None);
+            for scene in self.scenes.bind(py).clone().take(self.batch) {
+                match scene.and_then(|scene| Item::of(&scene)) {
+                    Ok(item) => items.push(item),
+                    // What the scenes raise stands at its place.
+                    Err(error) => {
+                        failed = Some(error);
+                        break;
+                    }
+                }
+            }
             let drive = |item, questions| {
                 let policy = Arc::new(PlannerPolicy(Way::Question(planner.clone(), questions)));
                 let driver = Driver { policy, ..self.driver.clone() };
                 driven(item, &driver, &self.attacker, self.seed)
             };
             done.extend(drive_together(py, planner, items, drive)?);
+            done.extend(failed.map(|error| (Err(Raised(error).into()), None)));
         }
         Ok(done.pop_front())
     }
@@ -125,8 +118,8 @@ pub(crate) fn simulate_many(
     ego: Option<&Bound<'_, PyAny>>,
     attack: Option<&Bound<'_, PyAny>>,
     #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
-    threads: Option<usize>,
-    batch: usize,
+    #[pyo3(from_py_with = crate::seed::optional_count)] threads: Option<usize>,
+    #[pyo3(from_py_with = crate::seed::count)] batch: usize,
 ) -> PyResult<PyEpisodes> {
     let driver = Driver::of_optional(py, ego, "idm")?;
     let attacker = Attacker::of(attack, seed)?;
@@ -141,5 +134,14 @@ pub(crate) fn simulate_many(
         let (driver, attacker) = (driver.clone(), attacker.clone());
         Some(Mutex::new(Ahead::new(threads, move |item| driven(item, &driver, &attacker, seed))?))
     };
-    Ok(PyEpisodes { scenes, driver, attacker, seed, batch, ahead, done: Mutex::default() })
+    Ok(PyEpisodes {
+        scenes,
+        driver,
+        attacker,
+        seed,
+        batch,
+        ahead,
+        done: Mutex::default(),
+        turn: Turn::default(),
+    })
 }

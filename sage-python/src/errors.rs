@@ -64,6 +64,18 @@ pub(crate) fn caught<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Res
     })
 }
 
+/// An exception on its way through work that knows no Python.
+#[derive(Debug)]
+pub(crate) struct Raised(pub(crate) PyErr);
+
+impl std::fmt::Display for Raised {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl std::error::Error for Raised {}
+
 /// Panics, so that a test can see what becomes of it.
 ///
 /// *Errors*: always.
@@ -110,6 +122,9 @@ pub(crate) fn to_python(py: Python<'_>, error: &anyhow::Error) -> PyErr {
     let text = format!("{error:#}");
     if error.is::<Panicked>() {
         return InternalError::new_err(text);
+    }
+    if let Some(Raised(raised)) = error.downcast_ref() {
+        return raised.clone_ref(py);
     }
     let kind = error.chain().map(kind).find(|kind| !matches!(kind, Kind::Other)).unwrap_or(Kind::Other);
     match kind {

@@ -128,8 +128,8 @@ pub(crate) fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
 pub(crate) fn load_folder(
     py: Python<'_>,
     path: PathBuf,
-    shard: Option<(u32, u32)>,
-    now: Option<usize>,
+    #[pyo3(from_py_with = crate::seed::shard)] shard: Option<(u32, u32)>,
+    #[pyo3(from_py_with = crate::seed::optional_count)] now: Option<usize>,
     resample: bool,
     trust_positions: bool,
     strict: bool,

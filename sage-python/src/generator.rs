@@ -12,6 +12,7 @@ use sage_bench::{
     named_generator::{GeneratorSpec, NamedGenerator},
     operating_point::OperatingPoints,
     part::Part,
+    weights::SHIPPED,
 };
 use sage_core::{
     generator::Attack,
@@ -137,6 +138,11 @@ impl PyGenerator {
         merger: &str,
         options: Option<Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
+        // Another process may work in another folder.
+        let weights = weights.map(|name| match std::fs::canonicalize(&name) {
+            Ok(path) if !SHIPPED.contains(&&*name) => path.display().to_string(),
+            _ => name,
+        });
         let keywords = PyDict::new(py);
         for (key, text) in [("method", method), ("selection", selection), ("merger", merger)] {
             keywords.set_item(key, text)?;
@@ -227,7 +233,9 @@ impl PyGenerator {
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Py<PyDict>,))> {
-        Ok((py.get_type::<Self>().getattr("_of_keywords")?, (self.keywords.clone_ref(py),)))
+        // A copy at all levels: whoever gets it may change it.
+        let keywords = py.import("copy")?.call_method1("deepcopy", (&self.keywords,))?;
+        Ok((py.get_type::<Self>().getattr("_of_keywords")?, (keywords.cast_into::<PyDict>()?.unbind(),)))
     }
 
     #[classmethod]
@@ -258,14 +266,14 @@ pub(crate) fn points(
     if aggression.is_some() && mu.is_some() {
         return Err(OptionError::new_err("aggression sets mu; leave mu out, or give lambda_ and mu"));
     }
-    let mix = mix.map(|mix| mix.extract::<std::collections::BTreeMap<String, f64>>());
+    // In the order in which they are given, which decides the name of the point.
+    let mix = mix.map(|mix| mix.items().extract::<Vec<(String, f64)>>());
     let mix =
         mix.transpose().map_err(|_| OptionError::new_err("mix is no dictionary of names and weights"))?;
-    // In the order in which they are given, which decides the name of the point.
     let lambda = lambda.or(default.filter(|_| aggression.is_none() && mix.is_none()));
     Ok(OperatingPoints {
         aggression: aggression.into_iter().collect(),
-        mix: mix.into_iter().map(|mix| mix.into_iter().collect()).collect(),
+        mix: mix.into_iter().collect(),
         lambda: lambda.into_iter().collect(),
         mu,
     })

@@ -1,8 +1,12 @@
 //! Many scenes at once: where they come from, and their attacks.
 
-use std::{path::PathBuf, sync::Mutex};
+use std::{
+    path::PathBuf,
+    sync::{Mutex, PoisonError},
+};
 
 use pyo3::{
+    exceptions::PyException,
     prelude::*,
     types::{PyIterator, PyList},
 };
@@ -10,9 +14,9 @@ use sage_core::generator::Attack;
 use sage_data::ReadOptions;
 
 use crate::{
-    ahead::{Ahead, threads},
+    ahead::{Ahead, Turn, threads},
     attack::PyAttack,
-    errors::{OptionError, detached, to_python},
+    errors::{OptionError, Raised, detached, to_python},
     folder::{PyScenes, files_of},
     generator::PyGenerator,
     parts::Driver,
@@ -83,6 +87,28 @@ pub(crate) fn iterator(scenes: &Bound<'_, PyAny>) -> PyResult<Py<PyIterator>> {
     Ok(scenes.try_iter()?.unbind())
 }
 
+/// The next result of work on scenes, after more of them were given. What the scenes raise stands at its place.
+///
+/// *Errors*: Ctrl-C.
+pub(crate) fn next_ahead<R: Send + 'static>(
+    ahead: &Mutex<Ahead<Item, R>>,
+    scenes: &Bound<'_, PyIterator>,
+) -> PyResult<Option<anyhow::Result<R>>> {
+    let py = scenes.py();
+    // Only the thread whose turn it is comes here.
+    let mut ahead = ahead.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut scenes = scenes.clone();
+    while ahead.wants_more() {
+        match scenes.next().map(|scene| Item::of(&scene?)) {
+            None => break,
+            Some(Ok(item)) => ahead.give(item),
+            Some(Err(error)) if !error.is_instance_of::<PyException>(py) => return Err(error),
+            Some(Err(error)) => ahead.give_failed(Raised(error).into()),
+        }
+    }
+    ahead.take(py)
+}
+
 /// The object of a scene that was read.
 pub(crate) fn object(py: Python<'_>, object: Option<Py<PyScene>>, shared: Shared) -> PyResult<Py<PyScene>> {
     object.map_or_else(|| Py::new(py, PyScene::of_shared(shared)), Ok)
@@ -106,6 +132,7 @@ pub(crate) struct PyAttacks {
     seed: u64,
     /// `None` for a planner of Python, which is called on the caller's thread.
     ahead: Option<Mutex<Ahead<Item, Attacked>>>,
+    turn: Turn,
 }
 
 #[pymethods]
@@ -116,24 +143,17 @@ impl PyAttacks {
 
     fn __next__(slf: &Bound<'_, Self>) -> PyResult<Option<PyAttack>> {
         let (py, this) = (slf.py(), slf.get());
-        let mut scenes = this.scenes.bind(py).clone();
+        let _turn = this.turn.take(py)?;
+        let scenes = this.scenes.bind(py);
         let Some(ahead) = &this.ahead else {
-            let Some(scene) = scenes.next() else { return Ok(None) };
-            py.check_signals()?;
+            let Some(scene) = scenes.clone().next() else { return Ok(None) };
             let (item, generator) = (Item::of(&scene?)?, this.generator.get());
-            let attacked = detached(py, || attacked(item, generator, &this.driver, this.seed))?;
-            return this.attack(py, attacked).map(Some);
+            let attacked = detached(py, || attacked(item, generator, &this.driver, this.seed));
+            // An interrupt is no error of the driver.
+            this.driver.raise_interrupt()?;
+            return this.attack(py, attacked?).map(Some);
         };
-        let Ok(mut ahead) = ahead.try_lock() else {
-            return Err(OptionError::new_err(
-                "another thread takes attacks from this iterator; use one iterator a thread",
-            ));
-        };
-        while ahead.wants_more() {
-            let Some(scene) = scenes.next() else { break };
-            ahead.give(Item::of(&scene?)?);
-        }
-        match ahead.take(py)? {
+        match next_ahead(ahead, scenes)? {
             Some(Ok(attacked)) => this.attack(py, attacked).map(Some),
             Some(Err(error)) => Err(to_python(py, &error)),
             None => Ok(None),
@@ -167,7 +187,7 @@ pub(crate) fn generate_many(
     scenes: &Bound<'_, PyAny>,
     ego: Option<&Bound<'_, PyAny>>,
     #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = crate::seed::optional_count)] threads: Option<usize>,
 ) -> PyResult<PyAttacks> {
     let driver = Driver::of_optional(py, ego, "replay")?;
     let threads = self::threads(threads)?;
@@ -179,5 +199,5 @@ pub(crate) fn generate_many(
         let work = move |item| attacked(item, generator.get(), &driver, seed);
         Some(Mutex::new(Ahead::new(threads, work)?))
     };
-    Ok(PyAttacks { generator, scenes, driver, seed, ahead })
+    Ok(PyAttacks { generator, scenes, driver, seed, ahead, turn: Turn::default() })
 }

@@ -80,22 +80,22 @@ impl PyToldScene {
 #[pyclass(frozen, module = "advsage._advsage", name = "ToldStep")]
 pub(crate) struct PyStep {
     scene: Arc<ToldScene>,
-    /// The last steps at which the planner was asked, the present one last.
-    steps: Vec<Arc<ToldStep>>,
+    /// The last frames, the present one last, with whether the planner was asked then.
+    frames: Vec<(Arc<ToldStep>, bool)>,
     observation: Option<LaterObservation>,
 }
 
 impl PyStep {
     pub(crate) fn new(
         scene: Arc<ToldScene>,
-        steps: Vec<Arc<ToldStep>>,
+        frames: Vec<(Arc<ToldStep>, bool)>,
         observation: Option<LaterObservation>,
     ) -> Self {
-        Self { scene, steps, observation }
+        Self { scene, frames, observation }
     }
 
     fn now(&self) -> &ToldStep {
-        &self.steps[self.steps.len() - 1]
+        &self.frames[self.frames.len() - 1].0
     }
 
     fn track_id(&self, track: usize) -> &str {
@@ -138,9 +138,9 @@ impl PyStep {
     /// frame is the last, and road users are in the present order.
     fn agent_history<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let (mut rows, mut mask) = (vec![0.0; AGENTS * HISTORY * ROW], vec![false; AGENTS * HISTORY]);
-        let first = HISTORY - self.steps.len();
+        let first = HISTORY - self.frames.len();
         for (k, agent) in self.now().agents.iter().enumerate() {
-            for (frame, step) in self.steps.iter().enumerate() {
+            for (frame, (step, _)) in self.frames.iter().enumerate() {
                 let Some(then) = step.agents.iter().find(|other| other.track == agent.track) else {
                     continue;
                 };
@@ -167,10 +167,12 @@ impl PyStep {
         Ok(values::array(py, numbers.to_vec(), &[LENGTH])?.into_any())
     }
 
-    /// The messages of the last ten steps, as the protocol of programs has them: a list of dictionaries.
+    /// The messages of the last ten frames in which the planner was asked, as the protocol of programs has them: a list of
+    /// dictionaries.
     fn messages<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let scene = self.scene.scene().scene();
-        let all = self.steps.iter().map(|step| values::from_serde(py, &step.message(scene, None)));
+        let asked = self.frames.iter().filter(|(_, is_asked)| *is_asked);
+        let all = asked.map(|(step, _)| values::from_serde(py, &step.message(scene, None)));
         PyList::new(py, all.collect::<PyResult<Vec<_>>>()?)
     }
 

@@ -14,7 +14,7 @@ use sage_sim::policy::EgoPolicy;
 
 use crate::{
     errors::detached,
-    planner::{self, Planner, PlannerPolicy, Way},
+    planner::{self, Planner, PlannerPolicy, Way, keep_raised},
 };
 
 /// All parts of the library. They do not change, so all calls share them.
@@ -71,6 +71,8 @@ impl Driver {
     ///
     /// *Errors*: a name that nothing has, or options that the policy refuses.
     pub(crate) fn of(py: Python<'_>, ego: &Bound<'_, PyAny>) -> PyResult<Self> {
+        // What a planner raised before is no cause of what this one does.
+        keep_raised(None);
         if let Ok(name) = ego.cast::<PyString>() {
             let name = name.to_str()?.to_owned();
             return match name.strip_prefix(IMPORTED) {

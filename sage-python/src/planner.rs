@@ -1,7 +1,7 @@
 //! A planner of Python in the ego's seat. It is called on the thread that drives, which is the caller's.
 
 use std::{
-    cell::RefCell,
+    cell::{Cell, RefCell},
     collections::{BTreeMap, VecDeque},
     sync::{
         Arc, Mutex, PoisonError,
@@ -14,7 +14,7 @@ use pyo3::{
     exceptions::{PyException, PyKeyboardInterrupt},
     intern,
     prelude::*,
-    types::{PyFloat, PyList, PyString, PyTuple, PyType},
+    types::{PyDict, PyFloat, PyList, PyString, PyTuple, PyType},
 };
 use sage_sim::{
     Error,
@@ -38,6 +38,32 @@ use crate::{
 thread_local! {
     /// What a planner raised last on this thread.
     static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
+    /// Planners of this thread that wait for a drive which their own `act` began.
+    static DEPTH: Cell<usize> = const { Cell::new(0) };
+}
+
+/// Most drives within each other: each takes stack that Python does not count.
+const DEEPEST: usize = 32;
+
+/// One more planner that is asked.
+struct Depth;
+
+impl Depth {
+    /// *Errors*: too many within each other.
+    fn deeper() -> Result<Self, String> {
+        let depth = DEPTH.get() + 1;
+        if depth > DEEPEST {
+            return Err(format!("its `act` drives, whose planner drives, and so on, {DEEPEST} times"));
+        }
+        DEPTH.set(depth);
+        Ok(Self)
+    }
+}
+
+impl Drop for Depth {
+    fn drop(&mut self) {
+        DEPTH.set(DEPTH.get() - 1);
+    }
 }
 
 /// Keeps what a planner raised for the error that it becomes.
@@ -134,9 +160,13 @@ impl Planner {
             let mut answers = self.act_many(py, vec![(scene.clone_ref(py), asked)]);
             return answers.pop().unwrap_or_else(|| Err("it gave no answer".to_owned()));
         }
+        RAISED.set(None);
+        let depth = Depth::deeper()?;
         let car = asked.car;
         let act = || self.object.call_method1(py, intern!(py, "act"), (observation(py, scene, asked)?,));
-        answer_of(self.caught(py, act())?.bind(py), &car)
+        let answered = self.caught(py, act())?;
+        drop(depth);
+        answer_of(answered.bind(py), &car)
     }
 
     /// Asks it about several drives at once.
@@ -147,6 +177,7 @@ impl Planner {
         py: Python<'_>,
         all: Vec<(Py<PyAny>, Asked)>,
     ) -> Vec<Result<Answer, String>> {
+        RAISED.set(None);
         let cars: Vec<Vehicle> = all.iter().map(|(_, asked)| asked.car).collect();
         let act = || -> PyResult<Vec<Bound<'_, PyAny>>> {
             let seen = all.into_iter().map(|(scene, asked)| observation(py, &scene, asked));
@@ -184,8 +215,8 @@ impl Planner {
 /// What a planner is asked at a step.
 pub(crate) struct Asked {
     told: Arc<ToldScene>,
-    /// The last steps at which it was asked, the present one last.
-    steps: Vec<Arc<ToldStep>>,
+    /// The last frames, the present one last, with whether it was asked then.
+    frames: Vec<(Arc<ToldStep>, bool)>,
     observation: Option<LaterObservation>,
     car: Vehicle,
 }
@@ -199,7 +230,7 @@ impl Asked {
 
 fn observation<'py>(py: Python<'py>, scene: &Py<PyAny>, asked: Asked) -> PyResult<Bound<'py, PyAny>> {
     let class = py.import(intern!(py, "advsage.planner"))?.getattr(intern!(py, "Observation"))?;
-    class.call1((PyStep::new(asked.told, asked.steps, asked.observation), scene))
+    class.call1((PyStep::new(asked.told, asked.frames, asked.observation), scene))
 }
 
 /// Objects that drive, with their threads. An object keeps what its drive needs, so two threads would drive with a mixture.
@@ -269,7 +300,7 @@ impl EgoPolicy for PlannerPolicy {
             scene: None,
             busy: None,
             follower: Follower::default(),
-            steps: VecDeque::with_capacity(HISTORY),
+            frames: VecDeque::with_capacity(HISTORY),
             shown: None,
         }))
     }
@@ -286,14 +317,15 @@ struct PlannerDriver {
     /// Keeps other threads from driving with the same object meanwhile.
     busy: Option<Busy>,
     follower: Follower,
-    /// The last steps at which it was asked.
-    steps: VecDeque<Arc<ToldStep>>,
+    /// The last frames, with whether it was asked then.
+    frames: VecDeque<(Arc<ToldStep>, bool)>,
     shown: Option<Shown>,
 }
 
 impl Driver for PlannerDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
         if let Some(action) = self.follower.kept(view) {
+            self.remember(view, false);
             return Ok(Control::Drive(action));
         }
         let answer = self.answer(view).map_err(|problem| Error::Planner {
@@ -321,6 +353,14 @@ impl Driver for PlannerDriver {
 }
 
 impl PlannerDriver {
+    /// Keeps what is seen in a frame.
+    fn remember(&mut self, view: &View, is_asked: bool) {
+        if self.frames.len() == HISTORY {
+            self.frames.pop_front();
+        }
+        self.frames.push_back((Arc::new(ToldStep::new(view, AGENTS)), is_asked));
+    }
+
     /// What the planner answers to a step.
     fn answer(&mut self, view: &View) -> Result<Answer, String> {
         if self.way.planner().is_stopped.load(Ordering::Relaxed) {
@@ -328,13 +368,11 @@ impl PlannerDriver {
         }
         let is_first = self.told.is_none();
         let told = self.told.get_or_insert_with(|| Arc::new(ToldScene::new(view, self.seed, RADIUS)));
-        if self.steps.len() == HISTORY {
-            self.steps.pop_front();
-        }
-        self.steps.push_back(Arc::new(ToldStep::new(view, AGENTS)));
+        let told = told.clone();
+        self.remember(view, true);
         let asked = Asked {
-            told: told.clone(),
-            steps: self.steps.iter().cloned().collect(),
+            told,
+            frames: self.frames.iter().cloned().collect(),
             observation: view.later_observation(),
             car: *view.car(),
         };
@@ -374,6 +412,16 @@ fn answer_of(returned: &Bound<'_, PyAny>, car: &Vehicle) -> Result<Answer, Strin
         let text = returned.repr().map_or("something".to_owned(), |text| text.to_string());
         text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(120).collect::<String>()
     };
+    let is_rows = returned.is_instance_of::<PyDict>()
+        || returned.is_instance_of::<PyList>()
+        || returned.is_instance_of::<PyTuple>()
+        || returned.hasattr(intern!(returned.py(), "tolist")).unwrap_or(false);
+    if !is_rows {
+        return Err(format!(
+            "`act` returned {}; expected (steer, throttle), rows of a plan, or a dict",
+            shown()
+        ));
+    }
     let value = values::to_json("what `act` returned", returned, 0)
         .map_err(|error| Python::attach(|py| error.value(py).to_string()))?;
     let object = match value {

@@ -401,7 +401,7 @@ pub(crate) fn load(
     path: PathBuf,
     ego: Option<String>,
     adversary: Option<String>,
-    now: Option<usize>,
+    #[pyo3(from_py_with = crate::seed::optional_count)] now: Option<usize>,
     resample: bool,
     trust_positions: bool,
     strict: bool,

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use experiments::results::search_rows;
 use pyo3::{
     prelude::*,
@@ -11,7 +11,7 @@ use pyo3::{
 use sage_bench::named_search::{NamedSearch, SearchSpec};
 use sage_core::scene::SceneData;
 use sage_sim::{
-    SimScene,
+    Error, PlannerLog, SimScene,
     attack_test::AttackTest,
     search::{MOST_PLANS, Order, Reason, Requirement, SearchOptions},
 };
@@ -19,10 +19,10 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::{
-    ahead::{Ahead, threads},
+    ahead::{Ahead, Turn, threads},
     errors::{OptionError, UnknownName, detached, to_python},
     generator::{part, points},
-    many::{Item, iterator, object},
+    many::{Item, iterator, next_ahead, object},
     parts::{Driver, registries},
     scene::{PyScene, Shared},
     values,
@@ -50,7 +50,14 @@ impl Searcher {
         let (pool, result) = (&found.0, &found.1);
         if result.reason == Some(Reason::Error) {
             let first = result.driven.first().and_then(|driven| driven.error.clone()).unwrap_or_default();
-            bail!("every attacked drive ended in an error; the first: {first}");
+            return Err(Error::Planner {
+                scene: scene.scene.id.clone(),
+                step: None,
+                problem: format!("every attacked drive ended in an error; the first: {first}"),
+                log: PlannerLog::default(),
+                drive: None,
+            }
+            .into());
         }
         let names = [&*scene.name, &self.driver.label, &ctx.adversary().id];
         search_rows(
@@ -83,6 +90,7 @@ pub(crate) struct PySearched {
     scenes: Py<PyIterator>,
     /// `None` for a planner of Python, which is called on the caller's thread.
     ahead: Option<Mutex<Ahead<Item, Searched>>>,
+    turn: Turn,
 }
 
 #[pymethods]
@@ -94,31 +102,22 @@ impl PySearched {
     /// A scene, its row, and the rows of its failures.
     fn __next__<'py>(slf: &Bound<'py, Self>) -> PyResult<Option<SceneRows<'py>>> {
         let (py, this) = (slf.py(), slf.get());
-        let mut scenes = this.scenes.bind(py).clone();
+        let _turn = this.turn.take(py)?;
+        let scenes = this.scenes.bind(py);
         let searched = match &this.ahead {
             None => {
-                let Some(scene) = scenes.next() else { return Ok(None) };
-                py.check_signals()?;
+                let Some(scene) = scenes.clone().next() else { return Ok(None) };
                 let item = Item::of(&scene?)?;
-                let searched = detached(py, || searched(item, &this.searcher))?;
+                let searched = detached(py, || searched(item, &this.searcher));
                 // An interrupt is no error of the driver.
                 this.searcher.driver.raise_interrupt()?;
-                searched
+                searched?
             }
-            Some(ahead) => {
-                let Ok(mut ahead) = ahead.try_lock() else {
-                    return Err(OptionError::new_err("another thread takes results from this iterator"));
-                };
-                while ahead.wants_more() {
-                    let Some(scene) = scenes.next() else { break };
-                    ahead.give(Item::of(&scene?)?);
-                }
-                match ahead.take(py)? {
-                    Some(Ok(searched)) => searched,
-                    Some(Err(error)) => return Err(to_python(py, &error)),
-                    None => return Ok(None),
-                }
-            }
+            Some(ahead) => match next_ahead(ahead, scenes)? {
+                Some(Ok(searched)) => searched,
+                Some(Err(error)) => return Err(to_python(py, &error)),
+                None => return Ok(None),
+            },
         };
         let (scene, shared, row, failures) = searched;
         let failures = failures.iter().map(|row| values::from_json(py, row)).collect::<PyResult<Vec<_>>>()?;
@@ -153,13 +152,13 @@ pub(crate) fn search_each(
     feasibility: Option<&str>,
     merger: &str,
     options: Option<Bound<'_, PyDict>>,
-    budget: usize,
+    #[pyo3(from_py_with = crate::seed::count)] budget: usize,
     require: Option<&str>,
     first: bool,
     order: &str,
-    plans: usize,
+    #[pyo3(from_py_with = crate::seed::count)] plans: usize,
     #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
-    threads: Option<usize>,
+    #[pyo3(from_py_with = crate::seed::optional_count)] threads: Option<usize>,
 ) -> PyResult<PySearched> {
     let driver = Driver::of(py, ego)?;
     let require = require.map(str::parse::<Requirement>).transpose().map_err(OptionError::new_err)?;
@@ -203,5 +202,5 @@ pub(crate) fn search_each(
         let searcher = searcher.clone();
         Some(Mutex::new(Ahead::new(threads, move |item| searched(item, &searcher))?))
     };
-    Ok(PySearched { searcher, scenes, ahead })
+    Ok(PySearched { searcher, scenes, ahead, turn: Turn::default() })
 }

@@ -2,10 +2,10 @@
 
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::{
-    exceptions::{PyTypeError, PyValueError},
+    exceptions::{PyOverflowError, PyTypeError, PyValueError},
     intern,
     prelude::*,
-    types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString},
+    types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple},
 };
 use sage_core::{
     geometry::Point,
@@ -93,7 +93,9 @@ pub(crate) fn to_json(what: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyR
     }
     if let Ok(dict) = value.cast::<PyDict>() {
         let mut fields = Map::new();
-        for (key, value) in dict {
+        // A list of them: the dictionary may change while values are read.
+        for item in dict.items() {
+            let (key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>) = item.extract()?;
             let key =
                 key.cast::<PyString>().map_err(|_| wrong(format!("the key {key}")))?.to_str()?.to_owned();
             fields.insert(key, to_json(what, &value, depth + 1)?);
@@ -104,10 +106,16 @@ pub(crate) fn to_json(what: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyR
     if value.hasattr(intern!(value.py(), "tolist"))? {
         return to_json(what, &value.call_method0(intern!(value.py(), "tolist"))?, depth + 1);
     }
-    let items = value.try_iter().map_err(|_| {
-        wrong(format!("a {}", value.get_type().name().map_or("value".to_owned(), |name| name.to_string())))
-    })?;
+    if !value.is_instance_of::<PyList>() && !value.is_instance_of::<PyTuple>() {
+        return Err(wrong(format!("a {}", class_of(value))));
+    }
+    let items = value.try_iter()?;
     items.map(|item| to_json(what, &item?, depth + 1)).collect::<PyResult<Vec<_>>>().map(Value::Array)
+}
+
+/// Name of the class of a value.
+pub(crate) fn class_of(value: &Bound<'_, PyAny>) -> String {
+    value.get_type().name().map_or("value".to_owned(), |name| name.to_string())
 }
 
 /// An array of some shape, from its values in the order of rows.
@@ -125,9 +133,10 @@ pub(crate) fn shared_array<T: numpy::Element>(
     values: Vec<T>,
     shape: &[usize],
 ) -> PyResult<Py<PyAny>> {
-    let array = array(py, values, shape)?;
-    array.call_method1(intern!(py, "setflags"), (false,))?;
-    Ok(array.into_any().unbind())
+    // A view of what cannot be written to cannot be made writeable again.
+    let owner = PyArray1::from_vec(py, values);
+    owner.call_method1(intern!(py, "setflags"), (false,))?;
+    Ok(owner.reshape(shape)?.into_any().unbind())
 }
 
 /// Shape and values of an array or of nested lists of numbers.
@@ -141,15 +150,24 @@ pub(crate) fn numbers(
     let py = value.py();
     let wrong = |found: String| OptionError::new_err(format!("{what} is {found}; expected {expected}"));
     let numpy = py.import(intern!(py, "numpy"))?;
-    let found = || value.get_type().name().map_or("a value".to_owned(), |name| format!("a {name}"));
-    let array = numpy
-        .call_method1(intern!(py, "ascontiguousarray"), (value, intern!(py, "float64")))
-        .map_err(|error| {
-            match error.is_instance_of::<PyTypeError>(py) || error.is_instance_of::<PyValueError>(py) {
-                true => wrong(format!("{} ({})", found(), error.value(py))),
-                false => error,
-            }
-        })?;
+    let found = || format!("a {}", class_of(value));
+    let is_wrong = |error: &PyErr| {
+        error.is_instance_of::<PyTypeError>(py)
+            || error.is_instance_of::<PyValueError>(py)
+            || error.is_instance_of::<PyOverflowError>(py)
+    };
+    let refused = |error: PyErr| match is_wrong(&error) {
+        true => wrong(format!("{} ({})", found(), error.value(py))),
+        false => error,
+    };
+    let given = numpy.call_method1(intern!(py, "asarray"), (value,)).map_err(refused)?;
+    // Complex numbers, texts and times would be cut or read as numbers, and a mask would be lost.
+    let kind: String = given.getattr(intern!(py, "dtype"))?.getattr(intern!(py, "kind"))?.extract()?;
+    if !["f", "i", "u", "b"].contains(&&*kind) || value.hasattr(intern!(py, "mask"))? {
+        return Err(wrong(format!("{} of {}", found(), given.getattr(intern!(py, "dtype"))?)));
+    }
+    let array = numpy.call_method1(intern!(py, "ascontiguousarray"), (given, intern!(py, "float64")));
+    let array = array.map_err(refused)?;
     let array: PyReadonlyArrayDyn<'_, f64> = array.extract().map_err(|_| wrong(found()))?;
     Ok((array.shape().to_vec(), array.as_slice()?.to_vec()))
 }

@@ -92,7 +92,7 @@ class Jobs(InFolder):
         joined = subprocess.run([*JOBS, *words, "--join"], capture_output=True, text=True)
         if joined.returncode:
             # What is missing is named. It may have been killed after its last file.
-            self.assertIn("2/2", joined.stderr)
+            self.assertIn("shards 2 of 2", joined.stderr)
         self.job(*words, "--shard", "2/2")
         self.job(*words, "--join")
         self.same_as_the_command("killed")

@@ -67,6 +67,11 @@ class Reader:
         return 0.0, 0.3
 
 
+class NonsensePlanner:
+    def act(self, obs):
+        return "x"
+
+
 class Planners(InFolder):
     def setUp(self):
         super().setUp()
@@ -168,9 +173,17 @@ class Planners(InFolder):
         self.assertIs(caught.exception.__cause__, error)
         self.assertIn("Stubborn: no idea", str(caught.exception))
         self.assertIn("0.0 s after now (step 10)", str(caught.exception))
-        result = sage.stress(Raises(error), [self.scene, self.scene])
-        self.assertEqual(set(result.errors.values()), {"Stubborn: no idea"})
-        self.assertIn("no idea", result.table())
+        with self.assertWarns(RuntimeWarning):
+            result = sage.stress(Raises(error), [self.scene, self.scene])
+        self.assertEqual(list(result.errors.values()), [error, error])
+        self.assertIn("Stubborn: no idea", result.table())
+        with self.assertWarns(RuntimeWarning):
+            found = sage.search([self.scene], Raises(error), budget=4)
+        self.assertIn("1 without a result", repr(found))
+        # What was raised before is no cause of what comes after.
+        with self.assertRaises(sage.PlannerError) as caught:
+            sage.simulate(self.scene, Raises(None, 99.0) and NonsensePlanner())
+        self.assertIsNone(caught.exception.__cause__)
         # Some scenes of a batch fail, the others go on.
         class Half(Together):
             def act_many(self, observations):
@@ -191,6 +204,8 @@ class Planners(InFolder):
             (None, "None"),
             ([1.0, 2.0, 3.0], "expected (steer, throttle)"),
             ("left", "'left'"),
+            ({0.0, 0.1}, "expected (steer, throttle)"),
+            (b"ab", "expected (steer, throttle)"),
             ({"steer": 1.0}, "`throttle` is missing"),
             ({"steer": 1.0, "throttle": 0.0, "again": 2}, "`again` is for plans"),
             ({"error": "tired"}, "tired"),
@@ -255,6 +270,8 @@ if __name__ == "__main__":
             "sage.stress('expert', scenes())",
             "sage.stress(Planner(), scenes())",
             "sage.stress(Many(), scenes())",
+            "list(sage.generate_many(sage.Generator(), scenes()))",
+            "list(sage.simulate_many(scenes(), 'idm', sage.Generator()))",
         ):
             script = f"""
 import itertools, os, signal, threading, time
@@ -299,6 +316,67 @@ except KeyboardInterrupt:
                 return 0.0, 0.1
 
         self.assertGreater(len(sage.simulate(scene, Calls()).trajectory), 10)
+
+    def test_a_planner_that_drives_itself(self):
+        scene = self.scene
+
+        class Endless:
+            def act(self, obs):
+                sage.simulate(scene, self)
+
+        with self.assertRaises(sage.PlannerError):
+            sage.simulate(scene, Endless())
+
+    def test_a_planner_drives_in_one_thread(self):
+        scenes = procedural(4)
+        slow = threading.Event()
+
+        class Slow:
+            def act(self, obs):
+                slow.wait(0.005)
+                return 0.0, 0.1
+
+        planner, errors = Slow(), []
+
+        def drive(scene):
+            try:
+                sage.simulate(scene, planner)
+            except sage.PlannerError as error:
+                errors.append(str(error))
+
+        threads = [threading.Thread(target=drive, args=(scene,)) for scene in scenes]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertEqual(len(errors), 3)
+        self.assertIn("another thread", errors[0])
+        # With an own planner each, all is well.
+        errors.clear()
+
+    def test_act_many_alone(self):
+        class Only:
+            def act_many(self, observations):
+                return [(0.0, 0.1)] * len(observations)
+
+        own = sage.simulate(self.scene, Only()).trajectory
+        self.assertTrue(np.array_equal(own, sage.simulate(self.scene, Constant()).trajectory))
+        [episode] = sage.simulate_many([self.scene], Only())
+        self.assertTrue(np.array_equal(episode.trajectory, own))
+
+    def test_history_has_every_frame(self):
+        seen = []
+
+        class Seldom(Follower):
+            def act(self, obs):
+                seen.append(obs)
+                return super().act(obs)
+
+        sage.simulate(self.scene, Seldom(again=5))
+        self.assertEqual([round(message["t"], 6) for message in seen[4].history], [1.5, 2.0])
+        agent = seen[4].agent_history[0, :, :2]
+        steps = np.linalg.norm(np.diff(agent, axis=0), axis=1)
+        self.assertTrue((steps < 3.0).all() and seen[4].agent_mask[0].all())
 
     def test_planners_are_let_go(self):
         import weakref

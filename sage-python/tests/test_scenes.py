@@ -28,6 +28,8 @@ class Scenes(InFolder):
             array = getattr(scene, name)
             self.assertEqual(array.shape, (tracks, frames, *shape))
             self.assertFalse(array.flags.writeable)
+            with self.assertRaises(ValueError):
+                array.flags.writeable = True
             self.assertIs(getattr(scene, name), array)
         self.assertEqual(scene.valid.dtype, bool)
         self.assertTrue(scene.valid[scene.ego].all())
@@ -61,10 +63,17 @@ class Scenes(InFolder):
     def test_copies_and_pickles(self):
         generator = sage.Generator(lambda_=0.5, options={"candidates": 16})
         attack = generator(self.scene, ego="idm", seed=3)
-        for value in (self.scene, generator, attack, attack.scene):
+        episode = sage.simulate(self.scene, "idm", attack)
+        for value in (self.scene, generator, attack, attack.scene, episode, sage.simulate(self.scene, "idm")):
             self.assertIsInstance(repr(value), str)
             for again in (copy.copy(value), copy.deepcopy(value), pickle.loads(pickle.dumps(value))):
                 self.assertEqual(repr(again), repr(value))
+        again = pickle.loads(pickle.dumps(episode))
+        for name in ("row", "verdict", "end", "completion", "contacts", "attack"):
+            self.assertEqual(getattr(again, name), getattr(episode, name), name)
+        for name in ("trajectory", "trajectory_before", "plan"):
+            self.assertTrue(np.array_equal(getattr(again, name), getattr(episode, name)), name)
+        self.assertEqual(again.html(), episode.html())
         again = pickle.loads(pickle.dumps(attack))
         for name in ("trajectory", "candidates", "log_probs", "goals"):
             self.assertTrue(np.array_equal(getattr(again, name), getattr(attack, name)))
@@ -89,9 +98,17 @@ class Scenes(InFolder):
         other = next(id for id in others if id not in (ego, adversary))
         scene = self.scene.with_roles(adversary=other)
         self.assertEqual(scene.track_ids[scene.adversary], other)
-        path = os.path.join(self.folder, "a.safetensors")
-        scene.save(path)
-        self.assertEqual(sage.load(path).adversary, scene.adversary)
+        swapped = self.scene.with_roles(ego=adversary, adversary=ego)
+        self.scene.save(os.path.join(self.folder, "source.pkl"))
+        loaded = sage.load(os.path.join(self.folder, "source.pkl"))
+        for changed in (scene, swapped, loaded.with_roles(adversary=other), loaded.with_roles(ego=adversary, adversary=ego)):
+            for attacked in (changed, sage.Generator()(changed).scene):
+                for ending in ("safetensors", "pkl", "tfrecord"):
+                    path = os.path.join(self.folder, f"a.{ending}")
+                    sage.convert(attacked, path)
+                    again = sage.load(path + ("#0" if ending == "tfrecord" else ""))
+                    roles = [again.track_ids[k] for k in (again.ego, again.adversary)]
+                    self.assertEqual(roles, [changed.track_ids[k] for k in (changed.ego, changed.adversary)], ending)
 
     def test_folders(self):
         for scene in procedural(5):
@@ -102,6 +119,10 @@ class Scenes(InFolder):
         self.assertEqual(scenes[-1].id, list(scenes)[-1].id)
         with self.assertRaises(IndexError):
             scenes[5]
+        self.assertEqual(scenes[1:4].paths, scenes.paths[1:4])
+        self.assertEqual(pickle.loads(pickle.dumps(scenes)).paths, scenes.paths)
+        attacks = [attack.scene.name for attack in sage.generate_many(sage.Generator(), self.folder)]
+        self.assertEqual(attacks, [scene.name for scene in scenes])
 
     def test_scores_are_those_of_the_command(self):
         attack = sage.Generator()(self.scene)
@@ -135,7 +156,7 @@ class Scenes(InFolder):
         names = {
             sage.Generator(lambda_=0.25).variant: "lambda0.25",
             sage.Generator(aggression=0.5).variant: "aggression0.50",
-            sage.Generator(mix={"realistic": 0.5, "lawful": 0.5}).variant: "lawful0.50-realistic0.50-mu0.00",
+            sage.Generator(mix={"realistic": 0.5, "lawful": 0.5}).variant: "realistic0.50-lawful0.50-mu0.00",
             sage.Generator(lambda_=1.0, mu=0.5).variant: "lambda1.00-mu0.50",
         }
         for name, expected in names.items():
@@ -160,6 +181,27 @@ class Scenes(InFolder):
         self.assertEqual(len(found), sum(row["failures"] for row in found.scenes))
         self.assertTrue(all(failure.contact_after > 0 for failure in found))
         self.assertIn("4 scenes", repr(found))
+
+    def test_an_iterator_in_a_fork_is_refused(self):
+        attacks = sage.generate_many(sage.Generator(), [self.scene] * 20, threads=2)
+        next(attacks)
+        child = os.fork()
+        if child == 0:
+            try:
+                next(attacks)
+            except sage.OptionError:
+                os._exit(7)
+            os._exit(0)
+        self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), 7)
+        self.assertEqual(len(list(attacks)), 19)
+
+    def test_names(self):
+        names = sage.names()
+        self.assertIn("sage", names["method"])
+        for driver in names["ego"]:
+            sage.simulate(self.scene, driver)
+        for kind in names["kind"]:
+            sage.make(kind)
 
     def test_memory_stays(self):
         """2000 loads with an attack; the resident size after the first tenth grows by at most 5 %."""

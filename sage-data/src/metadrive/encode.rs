@@ -53,7 +53,28 @@ pub(crate) fn write_changes<'s>(
         Some(_) => {}
         None => pairs().for_each(|(changed, read)| write_track(document, changed, read)),
     }
+    if (scene.ego, scene.adversary) != (read.ego, read.adversary) {
+        write_roles(document, scene);
+    }
     Ok(ids)
+}
+
+/// Writes who the ego and the adversary are, as readers find them.
+fn write_roles(document: &mut Document, scene: &Scene) {
+    let root = document.root();
+    let Some(metadata) = document.get(root, "metadata") else { return };
+    let metadata = document.push(document.node(metadata).clone());
+    let ids = [Some(scene.ego), scene.adversary].into_iter().flatten().map(|track| &scene.tracks[track].id);
+    let ids: Vec<Id> = ids.map(|id| text(document, id)).collect();
+    document.set(metadata, "sdc_id", ids[0]);
+    let interest = document.push(Node::List(ids));
+    document.set(metadata, "objects_of_interest", interest);
+    document.set(root, "metadata", metadata);
+}
+
+fn text(document: &mut Document, text: &str) -> Id {
+    let data = document.push_bytes(text.as_bytes());
+    document.push(Node::Str(data))
 }
 
 /// Adds a text to the metadata of a file. The dict is copied first, because other values may share it.
@@ -61,8 +82,7 @@ pub(crate) fn annotate(document: &mut Document, key: &str, text: &str) {
     let root = document.root();
     let Some(metadata) = document.get(root, "metadata") else { return };
     let metadata = document.push(document.node(metadata).clone());
-    let data = document.push_bytes(text.as_bytes());
-    let text = document.push(Node::Str(data));
+    let text = self::text(document, text);
     document.set(metadata, key, text);
     document.set(root, "metadata", metadata);
 }

@@ -282,13 +282,11 @@ def _listed(scenes: SceneLike | Iterable[SceneLike]) -> Iterable[SceneLike]:
 
 def _named(scenes: Iterable[SceneLike], names: list[str]) -> Iterator[SceneLike]:
     """The scenes, one after another. Notes their names, which are different."""
+    counts: dict[str, int] = {}
     for scene in scenes:
-        name = own = scene.name if isinstance(scene, _advsage.Scene) else os.path.splitext(os.path.basename(scene))[0]
-        number = 1
-        while name in names:
-            number += 1
-            name = f"{own} ({number})"
-        names.append(name)
+        own = scene.name if isinstance(scene, _advsage.Scene) else os.path.splitext(os.path.basename(scene))[0]
+        counts[own] = counts.get(own, 0) + 1
+        names.append(own if counts[own] == 1 else f"{own} ({counts[own]})")
         yield scene
 
 

@@ -8,9 +8,13 @@ thread; several scenes are worked on by `generate_many` and `search` in threads 
 """
 
 import os
+import sysconfig
 import warnings
 
 VARIABLES = ("RAYON_NUM_THREADS", "CANDLE_NUM_THREADS")
+
+if sysconfig.get_config_var("Py_GIL_DISABLED"):
+    raise ImportError("advsage does not run on free-threaded Python; use a build with the global lock")
 
 if os.environ.get("ADVSAGE_KEEP_THREADS") != "1":
     for _name in VARIABLES:

@@ -13,8 +13,10 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -22,6 +24,7 @@ from typing import Any
 from . import _advsage
 
 RETRY = 74
+PARENT = "ADVSAGE_JOB_PARENT"  # the process that waits for a shard
 WAIT = 10.0  # seconds until a shard is tried again: another process may still hold it
 
 
@@ -36,11 +39,24 @@ class Retry(Exception):
 def run_shard(words: list[str], shard: str, cores: int, folder: str) -> Done:
     """Runs a shard in a process of its own, from the folder where the job was started. Returns exit code and messages."""
     command = [sys.executable, "-m", "advsage.jobs", "generate", *words, "--threads", str(cores), "--shard", shard]
-    done = subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    environment = {**os.environ, PARENT: str(os.getpid())}
+    done = subprocess.run(
+        command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    if done.returncode < 0:
+        # The system killed it, perhaps for its memory.
+        raise Retry(f"the shard was ended by signal {-done.returncode}")
     if done.returncode == RETRY:
         time.sleep(WAIT)
         raise Retry(done.stderr)
     return shard, done.returncode, done.stderr
+
+
+def _end_with(parent: int) -> None:
+    """Ends this process when its parent does: a worker that was killed must not leave a shard that works on, which would hold it."""
+    while os.getppid() == parent:
+        time.sleep(0.2)
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 class _Actor:
@@ -107,9 +123,9 @@ ENGINES = {"ray": by_tasks, "ray-data": by_data}
 def generate(
     words: list[str], engine: str = "local", shards: int | None = None, cores: int = 2, retries: int = 5
 ) -> int:
-    """Runs `sage generate` with these words and returns its exit code."""
+    """Runs `sage generate` with these words, in processes of its own, and returns its exit code."""
     if engine == "local":
-        return _advsage.run_generate(words)
+        return subprocess.run([sys.executable, "-m", "advsage.jobs", "generate", *words]).returncode
     ray = _ray()
     if not ray.is_initialized():
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -146,7 +162,13 @@ def main(words: list[str] | None = None) -> int:
     for name, value, least in [("--shards", own.shards, 1), ("--cores", own.cores, 1), ("--retries", own.retries, 0)]:
         if value is not None and value < least:
             parser.error(f"{name} is {value}; expected at least {least}")
-    return generate(others, own.engine, own.shards, own.cores, own.retries)
+    if own.engine != "local":
+        return generate(others, own.engine, own.shards, own.cores, own.retries)
+    if os.environ.get(PARENT):
+        parent = int(os.environ[PARENT])
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    # In this process, which does nothing else.
+    return _advsage.run_generate(others)
 
 
 if __name__ == "__main__":

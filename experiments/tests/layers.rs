@@ -7,7 +7,7 @@ use std::{
 };
 
 /// The crates of the workspace that each crate may depend on.
-const MAY_USE: [(&str, &[&str]); 10] = [
+const MAY_USE: [(&str, &[&str]); 11] = [
     ("sage-core", &[]),
     ("weights", &[]),
     ("sage-data", &["sage-core"]),
@@ -25,6 +25,7 @@ const MAY_USE: [(&str, &[&str]); 10] = [
             "sage-merging",
             "sage-generators",
             "sage-sim",
+            "sage-weights",
             "theory_checks",
         ],
     ),
@@ -38,8 +39,20 @@ const MAY_USE: [(&str, &[&str]); 10] = [
             "sage-generators",
             "sage-sim",
             "sage-bench",
-            "sage-weights",
             "theory_checks",
+        ],
+    ),
+    (
+        "sage-python",
+        &[
+            "sage-core",
+            "sage-data",
+            "sage-backbones",
+            "sage-merging",
+            "sage-generators",
+            "sage-sim",
+            "sage-bench",
+            "experiments",
         ],
     ),
 ];

@@ -221,7 +221,8 @@ fn experts_with_their_own_encoders_are_tuned_and_mixed() {
             let numbers = |tensor: &sage_backbones::candle::Tensor| -> Vec<f32> {
                 tensor.flatten_all().unwrap().to_vec1().unwrap()
             };
-            numbers(tensor) != numbers(expert.get(name).unwrap())
+            // A file holds the tensors that fine-tuning changes.
+            expert.get(name).is_some_and(|tuned| numbers(tensor) != numbers(tuned))
         })
         .map(|(name, _)| name)
         .collect();

@@ -3,30 +3,30 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use pyo3::{
-    prelude::*,
-    types::{PyList, PyType},
-};
+use pyo3::{prelude::*, types::PyList};
 use sage_core::{
     generator::{Attack, Note, Proposal},
+    geometry::Point,
+    motion::Trajectory,
     objective::{Context, ContextOptions, Scorer, Scores},
     scene::SceneData,
 };
 use sage_generators::attacked;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::{
-    errors::{OptionError, detached},
-    generator::{Built, PyGenerator},
+    built::Built,
+    errors::detached,
     made_once::MadeOnce,
     scene::PyScene,
-    values,
+    values::{self, Reduced},
 };
 
 /// A new future of the adversary, with the candidates it was selected from.
 #[pyclass(frozen, module = "advsage", name = "Attack", weakref)]
 pub(crate) struct PyAttack {
-    generator: Py<PyGenerator>,
+    generator: Py<PyAny>,
     built: Arc<Built>,
     /// The scene that was attacked.
     pub(crate) original: Py<PyScene>,
@@ -51,7 +51,7 @@ struct Made {
 
 impl PyAttack {
     pub(crate) fn new(
-        generator: Py<PyGenerator>,
+        generator: Py<PyAny>,
         built: Arc<Built>,
         original: Py<PyScene>,
         seen: Arc<SceneData>,
@@ -139,7 +139,7 @@ impl PyAttack {
 
     /// The generator that made it.
     #[getter]
-    fn generator(&self, py: Python<'_>) -> Py<PyGenerator> {
+    fn generator(&self, py: Python<'_>) -> Py<PyAny> {
         self.generator.clone_ref(py)
     }
 
@@ -220,84 +220,54 @@ impl PyAttack {
         slf
     }
 
-    #[expect(clippy::type_complexity, reason = "the arguments of `_rebuilt`")]
+    #[expect(clippy::type_complexity, reason = "the arguments of `Generator._attack`")]
     fn __reduce__<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(
-        Bound<'py, PyAny>,
-        (
-            Py<PyGenerator>,
-            Py<PyScene>,
-            Option<PyScene>,
-            Py<PyAny>,
-            [Py<PyAny>; 2],
-            Vec<Option<f64>>,
-            usize,
-            Option<String>,
-            u64,
-        ),
-    )> {
+    ) -> PyResult<Reduced<'py, (Py<PyScene>, Option<PyScene>, String, u64)>> {
         let original = self.original.get();
         // The scene that the generator saw is another one if a driver drove it.
         let is_same = Arc::ptr_eq(&self.seen.scene, &original.data.scene);
         let seen =
             (!is_same).then(|| original.derived((*self.seen.scene).clone(), self.provenance().to_string()));
-        let nll = self.attack.candidates.iter().map(|one| one.nll).collect();
-        let note = self.attack.note.as_ref().map(serde_json::to_string).transpose();
-        let note = note.map_err(|error| OptionError::new_err(error.to_string()))?;
-        Ok((
-            py.get_type::<Self>().getattr("_rebuilt")?,
-            (
-                self.generator.clone_ref(py),
-                self.original.clone_ref(py),
-                seen,
-                self.candidates(py)?,
-                [self.log_probs(py)?, self.goals(py)?],
-                nll,
-                self.attack.chosen,
-                note,
-                self.seed,
-            ),
-        ))
+        let state = detached(py, || Ok(serde_json::to_string(&State::of(&self.attack))?))?;
+        // The generator makes it anew.
+        let rebuild = self.generator.bind(py).getattr("_attack")?;
+        Ok((rebuild, (self.original.clone_ref(py), seen, state, self.seed)))
     }
+}
 
-    #[classmethod]
-    #[expect(clippy::too_many_arguments, reason = "the state of an attack")]
-    fn _rebuilt(
-        _class: &Bound<'_, PyType>,
-        py: Python<'_>,
-        generator: Py<PyGenerator>,
-        original: Py<PyScene>,
-        seen: Option<Py<PyScene>>,
-        candidates: &Bound<'_, PyAny>,
-        measures: [Bound<'_, PyAny>; 2],
-        nll: Vec<Option<f64>>,
-        chosen: usize,
-        note: Option<String>,
-        seed: u64,
-    ) -> PyResult<Self> {
-        let trajectories = values::trajectories("candidates", candidates)?;
-        let [(_, log_probs), (_, goals)] = [
-            values::numbers("log_probs", &measures[0], "numbers")?,
-            values::numbers("goals", &measures[1], "points")?,
-        ];
-        let known = |x: f64| Some(x).filter(|x| !x.is_nan());
-        let damaged = || OptionError::new_err("the pickled attack is damaged");
-        let (goals, _) = goals.as_chunks::<2>();
-        let proposals = trajectories.into_iter().enumerate().map(|(k, trajectory)| {
-            let [x, y] = goals.get(k).copied()?;
-            let goal = known(x).zip(known(y)).map(|(x, y)| [x, y]);
-            Some(Proposal { trajectory, log_prob: known(*log_probs.get(k)?), goal, nll: *nll.get(k)? })
-        });
-        let candidates = proposals.collect::<Option<Vec<_>>>().ok_or_else(damaged)?;
-        let note = note.map(|note| serde_json::from_str(&note)).transpose().map_err(|_| damaged())?;
-        let seen = seen.map_or_else(|| original.get().data.clone(), |seen| seen.get().data.clone());
-        let attack = Attack { candidates, chosen, note };
-        let built = detached(py, || {
-            attack.check(&seen.scene)?;
-            generator.get().of_seed(seed)
-        })?;
-        Ok(Self::new(generator, built, original, seen, attack, seed))
+/// An attack as it is pickled.
+#[derive(Serialize, Deserialize)]
+struct State {
+    candidates: Vec<CandidateState>,
+    chosen: usize,
+    note: Option<Note>,
+}
+
+/// Trajectory, log-probability, goal and negative log-likelihood of a candidate.
+#[derive(Serialize, Deserialize)]
+struct CandidateState(Trajectory, Option<f64>, Option<Point>, Option<f64>);
+
+impl State {
+    fn of(attack: &Attack) -> Self {
+        let state = |one: &Proposal| CandidateState(one.trajectory.clone(), one.log_prob, one.goal, one.nll);
+        let candidates = attack.candidates.iter().map(state).collect();
+        Self { candidates, chosen: attack.chosen, note: attack.note.clone() }
     }
+}
+
+/// The attack of a pickled state on a scene.
+///
+/// *Errors*: a state that is damaged.
+pub(crate) fn of_state(scene: &SceneData, state: &str) -> Result<Attack> {
+    let state: State = serde_json::from_str(state)
+        .map_err(|_| sage_bench::Error::Value("the pickled attack is damaged".to_owned()))?;
+    let candidates = state.candidates.into_iter();
+    let candidates = candidates
+        .map(|CandidateState(trajectory, log_prob, goal, nll)| Proposal { trajectory, log_prob, goal, nll })
+        .collect();
+    let attack = Attack { candidates, chosen: state.chosen, note: state.note };
+    attack.check(&scene.scene)?;
+    Ok(attack)
 }

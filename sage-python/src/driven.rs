@@ -18,8 +18,9 @@ use sage_sim::{
 
 use crate::{
     attack::PyAttack,
+    built::Built,
     errors::{OptionError, detached},
-    generator::{Built, PyGenerator},
+    generator::PyGenerator,
     parts::Driver,
     values,
 };

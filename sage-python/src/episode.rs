@@ -13,8 +13,8 @@ use serde_json::Value;
 use crate::{
     driven::{Attacker, Driven},
     errors::{OptionError, detached},
+    items,
     made_once::MadeOnce,
-    many,
     parts::Driver,
     scene::PyScene,
     values::{self, Reduced},
@@ -281,7 +281,7 @@ pub(crate) fn simulate(
     attack: Option<&Bound<'_, PyAny>>,
     #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
 ) -> PyResult<PyEpisode> {
-    let scene = many::scene_of(scene)?;
+    let scene = items::scene_of(scene)?;
     let driver = Driver::of_optional(py, ego, "idm")?;
     let attacker = Attacker::of(attack, seed)?;
     let data = &scene.get().data;

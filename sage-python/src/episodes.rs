@@ -12,10 +12,11 @@ use crate::{
     ahead::{Ahead, Turn, threads},
     driven::{Attacker, Driven},
     episode::PyEpisode,
-    errors::{OptionError, Raised, caught, to_python},
-    many::{self, Item, next_ahead},
+    errors::{OptionError, Raised, caught, keep_raised, to_python},
+    items::{self, Item, next_ahead},
     parts::Driver,
-    planner::{Planner, PlannerPolicy, Way, keep_raised},
+    planner::Planner,
+    planner_drive::{PlannerPolicy, Way},
     scene::{PyScene, Shared},
     together::{Outcome, drive_together},
 };
@@ -64,7 +65,7 @@ impl PyEpisodes {
             keep_raised(raised);
         }
         let (object, shared, driven) = result.map_err(|error| to_python(py, &error))?;
-        let scene = many::object(py, object, shared)?;
+        let scene = items::object(py, object, shared)?;
         Ok(Some(PyEpisode::new(scene, this.driver.label.clone(), this.seed, driven)))
     }
 }
@@ -127,7 +128,7 @@ pub(crate) fn simulate_many(
         return Err(OptionError::new_err(format!("batch is {batch}; expected 1 to 1024")));
     }
     let threads = self::threads(threads)?;
-    let scenes = many::iterator(scenes)?;
+    let scenes = items::iterator(scenes)?;
     let ahead = if driver.planner.is_some() {
         None
     } else {

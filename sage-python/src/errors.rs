@@ -1,7 +1,7 @@
 //! Errors of the libraries as exceptions of Python, and the guard around every call.
 
 use std::{
-    cell::Cell,
+    cell::{Cell, RefCell},
     io,
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
@@ -9,8 +9,6 @@ use std::{
 };
 
 use pyo3::{exceptions::PyException, import_exception, prelude::*};
-
-use crate::planner::take_raised;
 
 import_exception!(advsage.errors, FormatError);
 import_exception!(advsage.errors, SceneError);
@@ -36,8 +34,20 @@ enum Kind<'e> {
 thread_local! {
     /// Whether a panic of this thread becomes an exception, so that nothing is printed of it.
     static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
+    /// What a planner raised last on this thread.
+    static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
     /// Seconds in the libraries.
     static SECONDS: Cell<f64> = const { Cell::new(0.0) };
+}
+
+/// Keeps what a planner raised for the error that it becomes.
+pub(crate) fn keep_raised(raised: Option<PyErr>) {
+    RAISED.set(raised);
+}
+
+/// Takes what a planner raised last on this thread.
+pub(crate) fn take_raised() -> Option<PyErr> {
+    RAISED.take()
 }
 
 /// Keeps panics that become exceptions from printing.

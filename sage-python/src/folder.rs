@@ -14,7 +14,8 @@ use sage_data::{Error, ReadOptions, dataset::Shard, folder, womd::is_record_path
 
 use crate::{
     errors::{OptionError, detached},
-    scene::{PyScene, Reading},
+    loading::Reading,
+    scene::PyScene,
     values::Reduced,
 };
 

@@ -8,76 +8,18 @@ use pyo3::{
     types::{PyDict, PyType},
 };
 use sage_bench::{
-    Error,
-    named_generator::{GeneratorSpec, NamedGenerator},
-    operating_point::OperatingPoints,
-    part::Part,
-    weights::SHIPPED,
+    named_generator::GeneratorSpec, operating_point::OperatingPoints, part::Part, weights::SHIPPED,
 };
-use sage_core::{
-    generator::Attack,
-    objective::{Context, ContextOptions, FurtherMeasures},
-    scene::SceneData,
-};
-use sage_sim::{SimScene, attack_test::AttackTest};
 
 use crate::{
-    attack::PyAttack,
+    attack::{self, PyAttack},
+    built::Built,
     errors::{OptionError, detached},
-    many,
-    parts::{Driver, registries},
+    items,
+    parts::Driver,
+    scene::PyScene,
     values,
 };
-
-/// A generator with all that it needs, at one operating point.
-pub(crate) struct Built {
-    pub(crate) spec: GeneratorSpec,
-    pub(crate) named: NamedGenerator,
-    /// What scores measure besides their own fields.
-    pub(crate) further: FurtherMeasures,
-}
-
-impl Built {
-    fn new(spec: GeneratorSpec) -> Result<Self> {
-        let registries = registries()?;
-        let named = spec.clone().checked(registries)?.build(|_| {})?;
-        let objective = Some(named.selection.objective.spec());
-        let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, objective)?;
-        Ok(Self { spec, named, further })
-    }
-
-    /// Attacks a scene. Returns the scene as the generator saw it, with the driver's unattacked drive in place of the ego's
-    /// recording, and the attack.
-    ///
-    /// *Errors*: a scene that cannot be attacked or driven; those of the generator.
-    pub(crate) fn attack(
-        &self,
-        scene: &SceneData,
-        driver: &Driver,
-        seed: u64,
-    ) -> Result<(Arc<SceneData>, Attack)> {
-        let (index, mut seen) = (scene.index.clone(), scene.scene.clone());
-        seen.check_apart_now()?;
-        if !driver.policy.is_recording() {
-            let simulated = SimScene::new(seen, index.clone())?;
-            seen = AttackTest::new(&*driver.policy, &simulated, seed)?.recorded();
-        }
-        index.build_all();
-        let ctx = Context::new(&seen, &index, &ContextOptions::default())?;
-        let attack = self.attack_in(&ctx, seed)?;
-        Ok((Arc::new(SceneData { name: scene.name.clone(), scene: seen, index }), attack))
-    }
-
-    /// Attacks in a context.
-    ///
-    /// *Errors*: those of the generator.
-    pub(crate) fn attack_in(&self, ctx: &Context, seed: u64) -> Result<Attack> {
-        let attack = self.named.built.attack(ctx, 0, seed)?;
-        let attack = attack.ok_or_else(|| Error::Value("the generator gave no attack".to_owned()))?;
-        attack.check(ctx.scene())?;
-        Ok(attack)
-    }
-}
 
 /// Generates attacks, new futures of the adversary: `generator(scene, *, ego=None, seed=0)` returns an `Attack`.
 ///
@@ -182,14 +124,14 @@ impl PyGenerator {
     ) -> PyResult<PyAttack> {
         let py = slf.py();
         let driver = Driver::of_optional(py, ego, "replay")?;
-        let scene = many::scene_of(scene)?;
+        let scene = items::scene_of(scene)?;
         let (generator, data) = (slf.get(), &scene.get().data);
         let (built, seen, attack) = detached(py, || {
             let built = generator.of_seed(seed)?;
             let (seen, attack) = built.attack(data, &driver, seed)?;
             Ok((built, seen, attack))
         })?;
-        Ok(PyAttack::new(slf.clone().unbind(), built, scene, seen, attack, seed))
+        Ok(PyAttack::new(slf.clone().into_any().unbind(), built, scene, seen, attack, seed))
     }
 
     /// What the generator knows beyond *now*, in words; empty for nothing.
@@ -236,6 +178,22 @@ impl PyGenerator {
         // A copy at all levels: whoever gets it may change it.
         let keywords = py.import("copy")?.call_method1("deepcopy", (&self.keywords,))?;
         Ok((py.get_type::<Self>().getattr("_of_keywords")?, (keywords.cast_into::<PyDict>()?.unbind(),)))
+    }
+
+    /// An attack of this generator from its pickled state.
+    #[pyo3(signature = (original, seen, state, seed))]
+    fn _attack(
+        slf: &Bound<'_, Self>,
+        original: Py<PyScene>,
+        seen: Option<Py<PyScene>>,
+        state: &str,
+        seed: u64,
+    ) -> PyResult<PyAttack> {
+        let (py, generator) = (slf.py(), slf.get());
+        let seen = seen.map_or_else(|| original.get().data.clone(), |seen| seen.get().data.clone());
+        let (built, attack) =
+            detached(py, || Ok((generator.of_seed(seed)?, attack::of_state(&seen, state)?)))?;
+        Ok(PyAttack::new(slf.clone().into_any().unbind(), built, original, seen, attack, seed))
     }
 
     #[classmethod]

@@ -19,7 +19,7 @@ use sage_sim::SimScene;
 use crate::{
     attack::PyAttack,
     errors::{OptionError, UnknownName, detached},
-    many::Item,
+    items::Item,
     scene::PyScene,
     values::{self, Reduced},
 };

@@ -1,10 +1,15 @@
 //! The module `advsage._advsage` of Python: types and errors. All work is done by the libraries.
 //!
-//! - [`scene`], [`generator`], [`attack`], [`scoring`]: what a user works with.
-//! - [`parts`]: registries and drivers by name. [`values`]: JSON and arrays. [`made_once`]: values that are made when they are asked for. [`errors`]: exceptions, and the guard of every call.
+//! - What a user works with: `scene`, `loading` and `folder`; `generator`, `attack` and `attacks`; `scoring`; `driven`, `episode` and
+//!   `episodes`; `searching`; `inspecting`.
+//! - Planners: `planner` is asked, `observation` is what it sees, `planner_drive` its policy, `together` several drives at once.
+//! - `built`: a generator without Python. `items`: scenes of a list. `ahead`: the only place with threads. `parts`: registries and drivers by
+//!   name. `job`: one run of the command. `values`, `made_once`, `seed`, `errors`: values, arrays, numbers and exceptions of Python.
 
 mod ahead;
 mod attack;
+mod attacks;
+mod built;
 mod driven;
 mod episode;
 mod episodes;
@@ -12,12 +17,14 @@ mod errors;
 mod folder;
 mod generator;
 mod inspecting;
+mod items;
 mod job;
+mod loading;
 mod made_once;
-mod many;
 mod observation;
 mod parts;
 mod planner;
+mod planner_drive;
 mod scene;
 mod scoring;
 mod searching;
@@ -42,7 +49,7 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<episodes::PyEpisodes>()?;
     module.add_class::<folder::PyScenes>()?;
     module.add_class::<folder::PyScenesInTurn>()?;
-    module.add_class::<many::PyAttacks>()?;
+    module.add_class::<attacks::PyAttacks>()?;
     module.add_class::<searching::PySearched>()?;
     module.add_class::<inspecting::PyPicture>()?;
     module.add_function(wrap_pyfunction!(errors::panicking, module)?)?;
@@ -54,11 +61,11 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(episode::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(episodes::simulate_many, module)?)?;
     module.add_function(wrap_pyfunction!(folder::load_folder, module)?)?;
-    module.add_function(wrap_pyfunction!(many::generate_many, module)?)?;
+    module.add_function(wrap_pyfunction!(attacks::generate_many, module)?)?;
     module.add_function(wrap_pyfunction!(searching::search_each, module)?)?;
     module.add_function(wrap_pyfunction!(parts::names, module)?)?;
-    module.add_function(wrap_pyfunction!(scene::load, module)?)?;
-    module.add_function(wrap_pyfunction!(scene::make, module)?)?;
+    module.add_function(wrap_pyfunction!(loading::load, module)?)?;
+    module.add_function(wrap_pyfunction!(loading::make, module)?)?;
     module.add_function(wrap_pyfunction!(scoring::score, module)?)?;
     module.add_function(wrap_pyfunction!(scoring::score_columns, module)?)?;
     Ok(())

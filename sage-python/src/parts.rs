@@ -13,8 +13,9 @@ use sage_data::procedural::Kind;
 use sage_sim::policy::EgoPolicy;
 
 use crate::{
-    errors::detached,
-    planner::{self, Planner, PlannerPolicy, Way, keep_raised},
+    errors::{detached, keep_raised},
+    planner::{self, Planner},
+    planner_drive::{PlannerPolicy, Way},
 };
 
 /// All parts of the library. They do not change, so all calls share them.

@@ -1,13 +1,11 @@
 //! A planner of Python in the ego's seat. It is called on the thread that drives, which is the caller's.
 
 use std::{
-    cell::{Cell, RefCell},
-    collections::{BTreeMap, VecDeque},
+    cell::Cell,
     sync::{
-        Arc, Mutex, PoisonError,
+        Arc,
         atomic::{AtomicBool, Ordering},
     },
-    thread::ThreadId,
 };
 
 use pyo3::{
@@ -17,27 +15,19 @@ use pyo3::{
     types::{PyDict, PyFloat, PyList, PyString, PyTuple, PyType},
 };
 use sage_sim::{
-    Error,
     observation::LaterObservation,
-    policy::{
-        Driver, EgoPolicy, Shown, Start, View,
-        planner::{AGENTS, Answer, Follower, RADIUS, ToldScene, ToldStep},
-    },
+    policy::planner::{Answer, ToldScene, ToldStep},
     vehicle::{Action, Vehicle},
-    world::Control,
 };
 use serde_json::{Map, Value};
 
 use crate::{
-    errors::{OptionError, UnknownName},
-    observation::{HISTORY, PyStep, PyToldScene},
-    together::Questions,
+    errors::{OptionError, UnknownName, keep_raised, take_raised},
+    observation::{PyStep, PyToldScene},
     values,
 };
 
 thread_local! {
-    /// What a planner raised last on this thread.
-    static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
     /// Planners of this thread that wait for a drive which their own `act` began.
     static DEPTH: Cell<usize> = const { Cell::new(0) };
 }
@@ -64,16 +54,6 @@ impl Drop for Depth {
     fn drop(&mut self) {
         DEPTH.set(DEPTH.get() - 1);
     }
-}
-
-/// Keeps what a planner raised for the error that it becomes.
-pub(crate) fn keep_raised(raised: Option<PyErr>) {
-    RAISED.set(raised);
-}
-
-/// Takes what a planner raised last on this thread.
-pub(crate) fn take_raised() -> Option<PyErr> {
-    RAISED.take()
 }
 
 /// A planner: an object with a method `act`.
@@ -122,6 +102,16 @@ impl Planner {
         Ok(Self { object: object.clone().unbind(), name, takes_one, takes_many, is_stopped })
     }
 
+    /// Whether something stopped it, such as Ctrl-C.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.is_stopped.load(Ordering::Relaxed)
+    }
+
+    /// What tells its object from others.
+    pub(crate) fn address(&self) -> usize {
+        self.object.as_ptr() as usize
+    }
+
     /// Raises what stopped the planner, if something did.
     ///
     /// *Errors*: that, such as Ctrl-C.
@@ -160,7 +150,7 @@ impl Planner {
             let mut answers = self.act_many(py, vec![(scene.clone_ref(py), asked)]);
             return answers.pop().unwrap_or_else(|| Err("it gave no answer".to_owned()));
         }
-        RAISED.set(None);
+        keep_raised(None);
         let depth = Depth::deeper()?;
         let car = asked.car;
         let act = || self.object.call_method1(py, intern!(py, "act"), (observation(py, scene, asked)?,));
@@ -177,7 +167,7 @@ impl Planner {
         py: Python<'_>,
         all: Vec<(Py<PyAny>, Asked)>,
     ) -> Vec<Result<Answer, String>> {
-        RAISED.set(None);
+        keep_raised(None);
         let cars: Vec<Vehicle> = all.iter().map(|(_, asked)| asked.car).collect();
         let act = || -> PyResult<Vec<Bound<'_, PyAny>>> {
             let seen = all.into_iter().map(|(scene, asked)| observation(py, &scene, asked));
@@ -206,7 +196,7 @@ impl Planner {
             if !raised.is_instance_of::<PyException>(py) {
                 self.is_stopped.store(true, Ordering::Relaxed);
             }
-            RAISED.set(Some(raised));
+            keep_raised(Some(raised));
             text
         })
     }
@@ -214,182 +204,17 @@ impl Planner {
 
 /// What a planner is asked at a step.
 pub(crate) struct Asked {
-    told: Arc<ToldScene>,
-    /// The last frames, the present one last, with whether it was asked then.
-    frames: Vec<(Arc<ToldStep>, bool)>,
-    observation: Option<LaterObservation>,
-    car: Vehicle,
-}
-
-impl Asked {
     /// The scene of the drive.
-    pub(crate) fn told(&self) -> &Arc<ToldScene> {
-        &self.told
-    }
+    pub(crate) told: Arc<ToldScene>,
+    /// The last frames, the present one last, with whether it was asked then.
+    pub(crate) frames: Vec<(Arc<ToldStep>, bool)>,
+    pub(crate) observation: Option<LaterObservation>,
+    pub(crate) car: Vehicle,
 }
 
 fn observation<'py>(py: Python<'py>, scene: &Py<PyAny>, asked: Asked) -> PyResult<Bound<'py, PyAny>> {
     let class = py.import(intern!(py, "advsage.planner"))?.getattr(intern!(py, "Observation"))?;
     class.call1((PyStep::new(asked.told, asked.frames, asked.observation), scene))
-}
-
-/// Objects that drive, with their threads. An object keeps what its drive needs, so two threads would drive with a mixture.
-static DRIVING: Mutex<BTreeMap<usize, (ThreadId, usize)>> = Mutex::new(BTreeMap::new());
-
-/// An object that drives in this thread.
-struct Busy(usize);
-
-impl Busy {
-    /// Takes an object for this thread.
-    ///
-    /// *Errors*: another thread drives with it.
-    fn of(object: &Py<PyAny>) -> Result<Self, String> {
-        let (address, thread) = (object.as_ptr() as usize, std::thread::current().id());
-        let mut all = DRIVING.lock().unwrap_or_else(PoisonError::into_inner);
-        let (owner, drives) = all.entry(address).or_insert((thread, 0));
-        if *owner != thread {
-            return Err(
-                "it drives in another thread at the same time; give each thread a planner of its own"
-                    .to_owned(),
-            );
-        }
-        *drives += 1;
-        Ok(Self(address))
-    }
-}
-
-impl Drop for Busy {
-    fn drop(&mut self) {
-        let mut all = DRIVING.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, drives)) = all.get_mut(&self.0) {
-            *drives -= 1;
-            if *drives == 0 {
-                all.remove(&self.0);
-            }
-        }
-    }
-}
-
-/// How the drives of a policy reach their planner.
-#[derive(Clone)]
-pub(crate) enum Way {
-    /// By a call: the drive is on the caller's thread.
-    Call(Arc<Planner>),
-    /// By a question to the caller's thread.
-    Question(Arc<Planner>, Questions),
-}
-
-impl Way {
-    fn planner(&self) -> &Planner {
-        match self {
-            Self::Call(planner) | Self::Question(planner, _) => planner,
-        }
-    }
-}
-
-/// The policy of a planner.
-pub(crate) struct PlannerPolicy(pub(crate) Way);
-
-impl EgoPolicy for PlannerPolicy {
-    fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
-        Ok(Box::new(PlannerDriver {
-            way: self.0.clone(),
-            scene_id: start.scene_id().to_owned(),
-            seed: start.seed(),
-            told: None,
-            scene: None,
-            busy: None,
-            follower: Follower::default(),
-            frames: VecDeque::with_capacity(HISTORY),
-            shown: None,
-        }))
-    }
-}
-
-/// A drive of a planner.
-struct PlannerDriver {
-    way: Way,
-    scene_id: String,
-    seed: u64,
-    told: Option<Arc<ToldScene>>,
-    /// The scene as the planner got it, if it is called here.
-    scene: Option<Py<PyAny>>,
-    /// Keeps other threads from driving with the same object meanwhile.
-    busy: Option<Busy>,
-    follower: Follower,
-    /// The last frames, with whether it was asked then.
-    frames: VecDeque<(Arc<ToldStep>, bool)>,
-    shown: Option<Shown>,
-}
-
-impl Driver for PlannerDriver {
-    fn control(&mut self, view: &View) -> Result<Control, Error> {
-        if let Some(action) = self.follower.kept(view) {
-            self.remember(view, false);
-            return Ok(Control::Drive(action));
-        }
-        let answer = self.answer(view).map_err(|problem| Error::Planner {
-            scene: self.scene_id.clone(),
-            step: Some(view.step()),
-            problem: format!("the planner `{}` failed: {problem}", self.way.planner().name),
-            log: sage_sim::PlannerLog::default(),
-            drive: None,
-        })?;
-        let (action, plan) = self.follower.follow(view, answer);
-        self.shown = (!plan.is_empty()).then(|| Shown { step: view.step(), plan, log: String::new() });
-        Ok(Control::Drive(action))
-    }
-
-    fn shown(&mut self) -> Option<Shown> {
-        self.shown.take()
-    }
-
-    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
-        let name = &self.way.planner().name;
-        Err(Error::Clone {
-            problem: format!("the planner `{name}` is an object of Python, whose state is not copied"),
-        })
-    }
-}
-
-impl PlannerDriver {
-    /// Keeps what is seen in a frame.
-    fn remember(&mut self, view: &View, is_asked: bool) {
-        if self.frames.len() == HISTORY {
-            self.frames.pop_front();
-        }
-        self.frames.push_back((Arc::new(ToldStep::new(view, AGENTS)), is_asked));
-    }
-
-    /// What the planner answers to a step.
-    fn answer(&mut self, view: &View) -> Result<Answer, String> {
-        if self.way.planner().is_stopped.load(Ordering::Relaxed) {
-            return Err("it was interrupted".to_owned());
-        }
-        let is_first = self.told.is_none();
-        let told = self.told.get_or_insert_with(|| Arc::new(ToldScene::new(view, self.seed, RADIUS)));
-        let told = told.clone();
-        self.remember(view, true);
-        let asked = Asked {
-            told,
-            frames: self.frames.iter().cloned().collect(),
-            observation: view.later_observation(),
-            car: *view.car(),
-        };
-        match &self.way {
-            Way::Question(_, questions) => questions.ask(asked, is_first),
-            Way::Call(planner) => Python::attach(|py| {
-                let scene = match &self.scene {
-                    Some(scene) => scene,
-                    None => {
-                        self.busy = Some(Busy::of(&planner.object)?);
-                        self.scene.insert(planner.reset(py, &asked.told, 0)?)
-                    }
-                };
-                planner.act(py, scene, asked)
-            }),
-        }
-    }
 }
 
 /// What a planner returned, as an answer to the driver of a car.

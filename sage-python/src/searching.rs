@@ -22,7 +22,7 @@ use crate::{
     ahead::{Ahead, Turn, threads},
     errors::{OptionError, UnknownName, detached, to_python},
     generator::{part, points},
-    many::{Item, iterator, next_ahead, object},
+    items::{Item, iterator, next_ahead, object},
     parts::{Driver, registries},
     scene::{PyScene, Shared},
     values,

@@ -15,8 +15,8 @@ use sage_sim::policy::planner::Answer;
 
 use crate::{
     ahead::pool,
-    errors::caught,
-    planner::{Asked, Planner, take_raised},
+    errors::{caught, take_raised},
+    planner::{Asked, Planner},
 };
 
 /// Time between two looks for Ctrl-C.
@@ -117,7 +117,7 @@ fn answer_all(
         let (mut asked, mut askers) = (Vec::new(), Vec::new());
         for Question { drive, asked: about, is_first, answer } in waiting.drain(..) {
             if is_first {
-                match planner.reset(py, about.told(), drive) {
+                match planner.reset(py, &about.told, drive) {
                     Ok(scene) => drop(scenes.insert(drive, scene)),
                     Err(problem) => {
                         raised.extend(take_raised().map(|error| (drive, error)));

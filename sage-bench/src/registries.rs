@@ -60,22 +60,17 @@ impl Registries {
     /// *Errors*: [`Error::Duplicate`] if two parts of a kind have the same name.
     pub fn shipped() -> Result<Self, Error> {
         Ok(Self {
-            rewards: objective::rewards()?.with::<TimeToReact>()?,
-            feasibilities: objective::feasibilities()?,
-            backbones: backbones()?,
-            mergers: mergers()?,
-            generators: generators()?,
-            policies: policies()?,
             curricula: curricula()?,
             scene_samplers: scene_samplers()?,
             claims: claims()?,
             metrics: MetricRegistries::shipped()?,
             studies: SHIPPED.to_vec(),
+            ..Self::of_attacks()?
         })
     }
 
     /// The parts that attack and drive: without studies and their metrics, claims, and what trains drivers. A program that
-    /// needs no others is a third smaller.
+    /// needs no others is a seventh smaller.
     ///
     /// *Errors*: as [`Registries::shipped`].
     pub fn of_attacks() -> Result<Self, Error> {

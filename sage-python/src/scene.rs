@@ -6,7 +6,7 @@ use pyo3::{
     prelude::*,
     types::{PyBytes, PyDict, PyList, PyType},
 };
-use sage_core::scene::{LightState, Scene, SceneData};
+use sage_core::scene::{Scene, SceneData};
 use sage_data::{ReadOptions, Recording, Source, VariantWriter};
 
 use crate::{
@@ -265,7 +265,7 @@ impl PyScene {
             let dict = PyDict::new(py);
             dict.set_item("lane", &light.lane)?;
             dict.set_item("stop_point", light.stop_point.map(|point| point.to_vec()))?;
-            dict.set_item("states", light.states.iter().map(|state| state_name(*state)).collect::<Vec<_>>())?;
+            dict.set_item("states", light.states.iter().map(|state| state.word()).collect::<Vec<_>>())?;
             all.append(dict)?;
         }
         Ok(all)
@@ -351,15 +351,5 @@ impl PyScene {
         name: String,
     ) -> PyResult<Self> {
         detached(py, || Ok(Self::of_recording(Recording::from_bytes(&path, bytes)?, name, true)))
-    }
-}
-
-fn state_name(state: LightState) -> &'static str {
-    match state {
-        LightState::Unknown => "unknown",
-        LightState::Stop => "red",
-        LightState::Caution => "yellow",
-        LightState::Go => "green",
-        LightState::FlashingStop => "flashing red",
     }
 }

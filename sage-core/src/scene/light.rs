@@ -17,6 +17,17 @@ pub enum LightState {
 }
 
 impl LightState {
+    /// A word for it, as planners are told it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Unknown => "unknown",
+            Self::Stop => "red",
+            Self::Caution => "yellow",
+            Self::Go => "green",
+            Self::FlashingStop => "flashing red",
+        }
+    }
+
     /// Parses a name such as `LANE_STATE_ARROW_STOP` or `TRAFFIC_LIGHT_RED`. Arrows count as the full light
     /// of the same meaning, and so does flashing yellow.
     pub fn from_name(name: &str) -> Self {

@@ -3,7 +3,7 @@
 use sage_core::{
     geometry::{Point, norm, sub},
     motion::DT,
-    scene::{LightState, Scene},
+    scene::Scene,
 };
 use serde::{Serialize, ser::SerializeStruct};
 
@@ -60,16 +60,6 @@ fn kind(body: &Body) -> &'static str {
     }
 }
 
-fn light(state: LightState) -> &'static str {
-    match state {
-        LightState::Unknown => "unknown",
-        LightState::Stop => "red",
-        LightState::Caution => "yellow",
-        LightState::Go => "green",
-        LightState::FlashingStop => "flashing red",
-    }
-}
-
 impl ToldStep {
     /// What is told of a view, with the nearest `most` road users.
     pub fn new(view: &View, most: usize) -> Self {
@@ -93,7 +83,7 @@ impl ToldStep {
             velocity: all_rounded(motion.velocity),
             yaw_rate: rounded(motion.yaw_rate),
             agents: agents.collect(),
-            lights: view.route_lights().stops().iter().map(|stop| light(view.light(stop.light))).collect(),
+            lights: view.route_lights().stops().iter().map(|stop| view.light(stop.light).word()).collect(),
         }
     }
 

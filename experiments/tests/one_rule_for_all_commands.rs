@@ -115,7 +115,11 @@ fn tables_and_notes_fit_a_terminal() {
         for line in text.iter().flat_map(|text| text.lines()) {
             // A path is never broken, nor is the name that somebody gave to a driver.
             let is_free = line.contains('/') || line.starts_with("error:");
-            assert!(is_free || line.chars().count() <= COLUMNS, "{command:?}: {line}");
+            // A machine that does other work besides takes more digits.
+            let timed = line.rsplit_once(" (").filter(|(_, time)| time.ends_with(" ms)"));
+            let width =
+                timed.map_or(line.chars().count(), |(line, _)| line.chars().count() + " (9 ms)".len());
+            assert!(is_free || width <= COLUMNS, "{command:?}: {line}");
         }
     }
 }

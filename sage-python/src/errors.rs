@@ -92,6 +92,7 @@ impl std::error::Error for Raised {}
 #[pyfunction]
 #[pyo3(name = "_panic")]
 pub(crate) fn panicking(py: Python<'_>) -> PyResult<()> {
+    // Panics of the libraries are defects, so no input of a test can be relied on to cause one.
     detached(py, || panic!("on purpose"))
 }
 

@@ -9,7 +9,7 @@ use crate::{
     operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
     selection::Selection,
-    weights::{self, NamedExperts, find_dial, note_on_merger},
+    weights::{NamedExperts, find_dial, note_on_merger},
 };
 
 /// What a user says of a generator.
@@ -23,7 +23,7 @@ pub struct GeneratorSpec {
     pub feasibility: Option<Part>,
     /// Merger of the experts.
     pub merger: Part,
-    /// Weights by name; `None` for [`weights::DEFAULT`].
+    /// Weights by name; `None` for [`crate::weights::DEFAULT`].
     pub weights: Option<String>,
     /// Operating points; at least one.
     pub points: OperatingPoints,
@@ -87,9 +87,8 @@ impl CheckedGenerator<'_> {
         let Self { registries, spec, selection, facts, variants, .. } = self;
         let range = self.generators.merger().range();
         let weights = if facts.needs_experts {
-            let name = spec.weights.as_deref().unwrap_or(weights::DEFAULT);
-            let load = if facts.depends_on_lambda { NamedExperts::load } else { NamedExperts::load_prior };
-            let weights = load(&registries.backbones, name)?;
+            let name = spec.weights.as_deref();
+            let weights = NamedExperts::load_for(&registries.backbones, name, facts.depends_on_lambda)?;
             loaded(&weights);
             self.generators = self.generators.with_experts(&weights.experts);
             Some(weights)

@@ -11,7 +11,7 @@ use crate::{
     part::Part,
     search::{self, POOL, PlanSources},
     selection::Selection,
-    weights::{self, NamedExperts},
+    weights::NamedExperts,
 };
 
 /// What a user says of the plans of a search.
@@ -25,7 +25,7 @@ pub struct SearchSpec {
     pub feasibility: Option<Part>,
     /// Merger of the experts.
     pub merger: Part,
-    /// Weights by name; `None` for [`weights::DEFAULT`].
+    /// Weights by name; `None` for [`crate::weights::DEFAULT`].
     pub weights: Option<String>,
     /// Operating points; none for the default ones.
     pub points: OperatingPoints,
@@ -72,10 +72,9 @@ impl SearchSpec {
         };
         let mut weights = None;
         if facts.is_none_or(|facts| facts.needs_experts) {
-            let name = self.weights.as_deref().unwrap_or(weights::DEFAULT);
-            let with_experts = facts.is_none_or(|facts| facts.depends_on_lambda);
-            let load = if with_experts { NamedExperts::load } else { NamedExperts::load_prior };
-            let named = load(&registries.backbones, name)?;
+            let needs_experts = facts.is_none_or(|facts| facts.depends_on_lambda);
+            let named =
+                NamedExperts::load_for(&registries.backbones, self.weights.as_deref(), needs_experts)?;
             loaded(&named);
             generators = generators.with_experts(&named.experts);
             weights = Some(named);

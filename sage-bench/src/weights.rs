@@ -105,10 +105,22 @@ impl NamedExperts {
     /// The prior of some weights without its experts.
     ///
     /// *Errors*: as [`NamedNetwork::load`].
-    pub fn load_prior(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
+    fn load_prior(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
         let (prior, header) = find(name)?.prior(registry).with_context(|| format!("weights `{name}`"))?;
         let note = note_without_hash(name, &header, &[]);
         Ok(Self { name: name.to_owned(), experts: ExpertSet::of_prior(prior.into()), header, note })
+    }
+
+    /// What a generator needs of the weights that a user names, or of [`DEFAULT`]; its experts only if λ mixes them.
+    ///
+    /// *Errors*: as [`Self::load`].
+    pub(crate) fn load_for(
+        registry: &Registry<dyn Backbone>,
+        name: Option<&str>,
+        needs_experts: bool,
+    ) -> Result<Self> {
+        let load = if needs_experts { Self::load } else { Self::load_prior };
+        load(registry, name.unwrap_or(DEFAULT))
     }
 
     /// Which weights these are, in one line.

@@ -190,10 +190,10 @@ impl ExpertSet {
                 unhashed.push(file.path.clone());
             }
             // One expert with its own encoder makes all models of the set encode for themselves.
-            if file.tunes()? == Tunes::All {
+            let own_tunes = file.tunes()?;
+            if own_tunes == Tunes::All {
                 tunes = Tunes::All;
             }
-            let own_tunes = file.tunes()?;
             let mut parameters = file.checked(&hash, prior.options())?;
             // A file need not repeat what is the prior's.
             for (name, tensor) in prior.parameters().iter() {

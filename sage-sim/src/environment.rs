@@ -4,7 +4,6 @@
 //! replaced by +10 on arrival, −10 off the road, −1 in contact. Each oddity of MetaDrive is an option that is
 //! off by default; [`EnvironmentOptions::metadrive`] turns all of them on.
 
-mod batch;
 mod options;
 mod rules;
 
@@ -16,7 +15,6 @@ use sage_core::{
     scene::TrackKind,
 };
 
-pub use batch::{AutoReset, Batch, BatchInfo, BatchOutput};
 pub use options::{EnvironmentOptions, Rewards};
 pub(crate) use rules::ARRIVED;
 pub use rules::{Outcome, Situation, assess};
@@ -142,6 +140,16 @@ impl Environment {
         &self.world
     }
 
+    /// The car's coordinates on the route.
+    pub fn coordinates(&self) -> Coordinates {
+        self.at
+    }
+
+    /// Whether the last step that the options allow is done.
+    pub fn is_at_limit(&self) -> bool {
+        self.options.is_last(self.world.step_count(), self.world.scene().scene().frames - 1)
+    }
+
     /// Whether the episode is over.
     pub fn is_over(&self) -> bool {
         self.is_over
@@ -179,6 +187,11 @@ impl Environment {
 }
 
 impl EnvironmentOptions {
+    /// Whether a step is the last one that the limit of steps and the length of the log allow.
+    fn is_last(&self, step: usize, last_frame: usize) -> bool {
+        step >= self.max_steps || (!self.outlast_log && step >= last_frame)
+    }
+
     /// How positions are located on the route.
     pub fn localization(&self) -> Localization {
         if self.line_localization { Localization::MetaDrive } else { Localization::Nearest }

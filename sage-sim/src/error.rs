@@ -45,6 +45,12 @@ pub enum Error {
         /// The state, and what to call instead.
         problem: String,
     },
+    /// A call of a batch of environments that its state does not allow.
+    #[error("{problem}")]
+    Batch {
+        /// The state, and what to call instead.
+        problem: String,
+    },
     /// A planner's program that did not start, ended, was late, or answered nonsense. Its drive has no result; other drives
     /// are not concerned.
     #[error("scene `{scene}`{}: {problem}{log}", step.map_or(String::new(), in_time))]

@@ -3,7 +3,7 @@
 //! - [`World`](world::World): a scene in motion. The ego is a car on tyres ([`vehicle`]), contacts are
 //!   resolved by rapier2d ([`physics`]), the others replay their log, follow a plan, or react ([`traffic`]).
 //! - [`Environment`](environment::Environment): reset and step with observation, reward, cost and endings, for
-//!   learning drivers; [`Batch`](environment::Batch) steps many at once.
+//!   learning drivers; [`Batch`](batch::Batch) steps many at once.
 //! - [`EgoPolicy`](policy::EgoPolicy): drivers by name ([`policy::policies`]), driven by
 //!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`red_lights`] who ran over red, [`avoidable`] whether a driver could have
 //!   avoided an attack.
@@ -33,6 +33,7 @@
 
 pub mod attack_test;
 pub mod avoidable;
+pub mod batch;
 pub mod body;
 pub mod comfort;
 pub mod drive;

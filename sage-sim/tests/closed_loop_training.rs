@@ -1,50 +1,18 @@
 //! Training in closed loop: the same bits however it is interrupted, and a stop before anything breaks.
 
+mod chase;
 mod short_training;
 
-use std::{collections::BTreeMap, path::Path, sync::Arc};
+use std::{collections::BTreeMap, path::Path};
 
+use chase::Chase;
 use insta::assert_snapshot;
 use safetensors::SafeTensors;
-use sage_core::{generator::OperatingPoint, motion::Trajectory};
-use sage_sim::{
-    Error, SimScene,
-    drive::Drive,
-    rl::{
-        Attacker, BUFFER, CHECKPOINT, Setting, Td3Options, Training, TrainingOptions, TrainingState,
-        curriculum::curricula, scene_sampler::scene_samplers,
-    },
-    traffic::Plan,
+use sage_sim::rl::{
+    BUFFER, CHECKPOINT, Setting, Td3Options, Training, TrainingOptions, TrainingState, curriculum::curricula,
+    scene_sampler::scene_samplers,
 };
 use short_training::{scenes, small};
-
-/// Drives the adversary towards where the ego was: depends on drive and intensity as a generator does.
-struct Chase {
-    is_broken: bool,
-}
-
-impl Attacker for Chase {
-    fn plan(
-        &self,
-        scene: &SimScene,
-        drive: Option<&Drive>,
-        at: &OperatingPoint,
-        _: u64,
-    ) -> Result<Arc<Plan>, Error> {
-        let track = &scene.scene().tracks[scene.scene().adversary_index()?];
-        let from = track.point(10);
-        let last = drive
-            .and_then(|drive| drive.motions.last())
-            .map_or_else(|| scene.scene().ego().point(90), |m| m.position);
-        let to = if self.is_broken { [f64::NAN, 0.0] } else { last };
-        let point = |k: usize| {
-            let share = at.mu * k as f64 / 80.0;
-            [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]))
-        };
-        let trajectory = Trajectory::new("chase", (1..=80).map(point).collect())?;
-        Ok(Arc::new(Plan::of_adversary(scene.scene(), &trajectory)?))
-    }
-}
 
 /// Trains with a checkpoint every `every` steps and a fresh process, so to say, after each; the files of the end.
 fn trained(options: &TrainingOptions, every: u64, resumes: bool) -> BTreeMap<String, Vec<u8>> {

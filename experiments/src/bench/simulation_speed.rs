@@ -10,8 +10,9 @@ use anyhow::{Context as _, Result};
 use sage_core::{scene::SceneIndex, seed::Rng};
 use sage_sim::{
     SimScene,
+    batch::{AutoReset, Batch, BatchOptions, BatchOutput, SceneOrder, Setting},
     drive::{Simulation, drive},
-    environment::{AutoReset, Batch, BatchOutput, Environment, EnvironmentOptions},
+    environment::{Environment, EnvironmentOptions},
     observation::LENGTH,
     policy::{EgoPolicy, policies},
     vehicle::Action,
@@ -181,8 +182,21 @@ fn batch(
     options: &Arc<EnvironmentOptions>,
     pool: &rayon::ThreadPool,
 ) -> Result<f64> {
-    let mut batch = Batch::new(scenes.to_vec(), options.clone(), AutoReset::SameStep, BATCH, 0)?;
+    let setting = Setting {
+        scenes: Arc::new(scenes.to_vec()),
+        order: SceneOrder::Random,
+        rules: options.clone(),
+        adversary: None,
+    };
+    let batch_options = BatchOptions {
+        count: BATCH,
+        auto_reset: AutoReset::SameStep,
+        share_experience: false,
+        parallel: true,
+    };
+    let mut batch = Batch::new(setting, batch_options)?;
     let (actions, mut out) = ([[0.02, 0.2]; BATCH], BatchOutput::default());
+    batch.reset_all(0, &mut out)?;
     let start = Instant::now();
     for _ in 0..BATCH_STEPS {
         pool.install(|| batch.step(&actions, &mut out))?;

@@ -19,15 +19,32 @@ pub struct Rewards {
     pub success: f64,
     /// Penalty off the road.
     pub out_of_road: f64,
-    /// Penalty of a step in contact with a vehicle or an object.
-    pub contact: f64,
-    /// Cost of a step off the road or in contact.
-    pub cost: f64,
+    /// Penalty of a step in contact with a vehicle.
+    pub vehicle_contact: f64,
+    /// Penalty of a step in contact with an object.
+    pub object_contact: f64,
+    /// Reward of a metre along the route.
+    pub progress: f64,
+    /// Cost of a step off the road.
+    pub out_of_road_cost: f64,
+    /// Cost of a step in contact with a vehicle.
+    pub vehicle_contact_cost: f64,
+    /// Cost of a step in contact with an object.
+    pub object_contact_cost: f64,
 }
 
 impl Default for Rewards {
     fn default() -> Self {
-        Self { success: 10.0, out_of_road: 10.0, contact: 1.0, cost: 1.0 }
+        Self {
+            success: 10.0,
+            out_of_road: 10.0,
+            vehicle_contact: 1.0,
+            object_contact: 1.0,
+            progress: 1.0,
+            out_of_road_cost: 1.0,
+            vehicle_contact_cost: 1.0,
+            object_contact_cost: 1.0,
+        }
     }
 }
 

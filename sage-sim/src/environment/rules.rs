@@ -76,26 +76,31 @@ pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
     let is_short = s.route_length < SHORTEST_ROUTE;
     let arrived = if is_short { options.short_route_arrives } else { completion > ARRIVED };
     let out_of_road = s.at.across.abs() > FARTHEST || s.on_edge || (options.yellow_ends && s.on_yellow);
-    let contact = s.vehicle_contact || s.object_contact;
-    let reward = if arrived {
-        rewards.success
-    } else if out_of_road {
-        -rewards.out_of_road
-    } else if contact {
-        -rewards.contact
+    // The first that applies decides the cost, arrived or not, and the reward unless the car arrived.
+    let (penalty, cost) = if out_of_road {
+        (Some(rewards.out_of_road), rewards.out_of_road_cost)
+    } else if s.vehicle_contact {
+        (Some(rewards.vehicle_contact), rewards.vehicle_contact_cost)
+    } else if s.object_contact {
+        (Some(rewards.object_contact), rewards.object_contact_cost)
     } else {
-        progress
+        (None, 0.0)
+    };
+    let reward = match penalty {
+        _ if arrived => rewards.success,
+        Some(penalty) => -penalty,
+        None => rewards.progress * progress,
     };
     let failed = out_of_road
         || (!is_short && completion < BACKWARDS)
         || s.object_contact
         || (options.contact_ends && s.vehicle_contact);
     let mut terminated = arrived || (!is_short && completion > 1.0) || failed;
-    let is_last = s.step >= options.max_steps || (!options.outlast_log && s.step >= s.last_frame);
+    let is_last = options.is_last(s.step, s.last_frame);
     terminated |= is_last && options.limit_terminates;
     Outcome {
         reward,
-        cost: if out_of_road || contact { rewards.cost } else { 0.0 },
+        cost,
         terminated,
         truncated: is_last && !terminated,
         arrived,

@@ -10,7 +10,7 @@ use sage_core::{
 use crate::{Error, attack_test::recorded, drive::Drive, scene::SimScene, traffic::Plan};
 
 /// Plans attacks in training and evaluation.
-pub trait Attacker: Sync {
+pub trait Attacker: Send + Sync {
     /// The adversary's plan at an operating point between the realistic and the adversarial expert, against a drive of the
     /// ego; without a drive against its recording.
     ///

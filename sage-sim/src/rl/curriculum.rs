@@ -26,6 +26,11 @@ pub fn curricula() -> Result<Registry<dyn Curriculum>, Error> {
 pub trait Curriculum: Send + Sync {
     /// The intensity λ of the next episode's attack; `None` for an episode without attack.
     fn draw(&self, at: &Progress, rng: &mut Rng) -> Option<f64>;
+
+    /// Whether it uses [`Progress::success`], which takes a search for evasive manoeuvres to count.
+    fn uses_success(&self) -> bool {
+        false
+    }
 }
 
 /// How far the training is.

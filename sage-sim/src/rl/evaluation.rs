@@ -186,4 +186,4 @@ pub fn attack_episode(
 }
 
 /// Steps of a drive below which an attack is planned against the recording instead: ten positions after *now*.
-pub(super) const SHORTEST_DRIVE: usize = 21;
+pub(crate) const SHORTEST_DRIVE: usize = 21;

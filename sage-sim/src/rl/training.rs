@@ -13,11 +13,10 @@ use sage_core::{generator::OperatingPoint, seed::Rng};
 
 use super::{
     ActorPolicy, Attacker, Curriculum, Evaluation, Progress, SceneSampler, SingleRow, TrainingOptions,
-    TrainingState, Transition, TransitionBatch, attack_episode,
-    avoidable_contact::is_shown_avoidable,
-    drive_episode, drive_scene,
+    TrainingState, Transition, TransitionBatch, attack_episode, drive_episode, drive_scene,
     evaluation::SHORTEST_DRIVE,
     evaluation_rules,
+    success::success,
     training_state::{SIZES, StoredDrive},
 };
 use crate::{
@@ -30,8 +29,6 @@ use crate::{
     vehicle::{Action, Motion},
 };
 
-/// Completion of a success.
-const COMPLETED: f64 = 0.8;
 /// Mean |Q| that no sound critic reaches: twice the bound 2.25/(1 − 0.99) + 10 of the return.
 const DIVERGED: f64 = 470.0;
 /// Updates in a row above it after which the run stops.
@@ -311,8 +308,7 @@ impl<'a> Training<'a> {
             slot.touched_adversary = Some(world.step_count());
         }
         if slot.environment.is_over() {
-            let success = slot.touched_adversary.is_none() && outcome.completion >= COMPLETED;
-            self.count_success(slot, success);
+            self.count_success(slot, outcome.completion);
         }
         Ok(slot.environment.is_over())
     }
@@ -379,16 +375,12 @@ impl<'a> Training<'a> {
     }
 
     /// Counts success or failure of an episode for curriculum and sampler.
-    fn count_success(&mut self, slot: &Slot, success: bool) {
-        let mut counted = Some(success);
-        if let (Some(plan), Some(step)) = (&slot.plan, slot.touched_adversary)
-            && !is_shown_avoidable(&self.setting.scenes[slot.scene], plan, &slot.motions, step)
-        {
-            counted = None;
-            self.state.counters.unavoidable += 1;
-        }
-        if let Some(success) = counted {
-            self.state.success.count(slot.intensity, success);
+    fn count_success(&mut self, slot: &Slot, completion: f64) {
+        let scene = &self.setting.scenes[slot.scene];
+        let counted = success(scene, slot.plan.as_deref(), &slot.motions, slot.touched_adversary, completion);
+        match counted {
+            Some(success) => self.state.success.count(slot.intensity, success),
+            None => self.state.counters.unavoidable += 1,
         }
         self.state.records[slot.scene].count(slot.episode, counted);
     }

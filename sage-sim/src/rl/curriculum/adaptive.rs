@@ -44,4 +44,8 @@ impl Curriculum for Adaptive {
         });
         found.map(|(lambda, _)| *lambda).or(Some(INTENSITIES[INTENSITIES.len() - 1]))
     }
+
+    fn uses_success(&self) -> bool {
+        true
+    }
 }

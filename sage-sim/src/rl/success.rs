@@ -1,4 +1,4 @@
-//! Whether a learner could have avoided a contact with the adversary: only then does the contact count as its failure.
+//! Whether an episode counts as a success of the learner.
 
 use std::sync::Arc;
 
@@ -15,8 +15,26 @@ use crate::{
     vehicle::Motion,
 };
 
+/// Completion of a success.
+const COMPLETED: f64 = 0.8;
+
+/// Whether an episode is a success: no contact with the adversary, and 80 % of the route. `touched` is the step of the first contact
+/// with the adversary. `None` for a contact that is not shown avoidable, which counts as neither.
+pub(crate) fn success(
+    scene: &SimScene,
+    plan: Option<&Plan>,
+    motions: &[Motion],
+    touched: Option<usize>,
+    completion: f64,
+) -> Option<bool> {
+    match (plan, touched) {
+        (Some(plan), Some(step)) if !is_shown_avoidable(scene, plan, motions, step) => None,
+        _ => Some(touched.is_none() && completion >= COMPLETED),
+    }
+}
+
 /// Whether the driver could have evaded a contact with the adversary.
-pub(super) fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motion], step: usize) -> bool {
+fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motion], step: usize) -> bool {
     let drive = Drive { motions: motions.to_vec(), ..Drive::default() };
     let search = || -> Option<bool> {
         let recorded = Arc::new(drive.recorded(scene.scene()));

@@ -1,0 +1,374 @@
+//! One environment of a batch: its episode, and what it remembers from one to the next.
+
+use std::{collections::HashMap, sync::Arc};
+
+use sage_core::seed::Rng;
+
+use super::{AutoReset, Experience, SceneOrder, Setting, experience::Lesson};
+use crate::{
+    Error,
+    environment::{Environment, Outcome},
+    observation::LENGTH,
+    rl::success,
+    traffic::Plan,
+    vehicle::{Action, Motion},
+};
+
+/// Scenes in a row that cannot be used, after which no further one is tried.
+const MOST_FAILURES: usize = 100;
+/// Notes that wait to be taken at most.
+const MOST_NOTES: usize = 100;
+
+/// What is known of an environment after a step or a reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Row {
+    /// The step; after a reset all but the completion is 0.
+    pub outcome: Outcome,
+    /// Number of the scene.
+    pub scene: usize,
+    /// Steps of the episode so far.
+    pub steps: usize,
+    /// Sum of the rewards of the episode so far.
+    pub episode_return: f64,
+    /// Whether the limit of steps or the end of the log is reached, whether or not that is a truncation.
+    pub is_at_limit: bool,
+    /// Whether the car is on a road edge.
+    pub on_edge: bool,
+    /// Whether the car is on a solid line.
+    pub on_line: bool,
+    /// Distance across the route, metres, positive to the right.
+    pub across: f64,
+    /// Length of the route, metres.
+    pub route_length: f64,
+    /// Length and width of the car, metres.
+    pub size: [f64; 2],
+    /// Intensity of the attack; `None` without one.
+    pub intensity: Option<f64>,
+    /// Scenes in which an episode of this environment ended.
+    pub scenes_seen: usize,
+    /// Sum over these scenes of whether the last episode arrived.
+    pub arrivals: usize,
+    /// Sum over these scenes of the completion of the last episode.
+    pub completions: f64,
+}
+
+/// A scene that could not be used, or an attack that could not be planned.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Note {
+    /// Number of the scene.
+    pub scene: usize,
+    /// Why, in words.
+    pub problem: String,
+}
+
+/// An episode.
+struct Episode {
+    environment: Environment,
+    scene: usize,
+    plan: Option<Arc<Plan>>,
+    intensity: Option<f64>,
+    motions: Vec<Motion>,
+    /// Step of the first contact with the adversary.
+    touched: Option<usize>,
+    episode_return: f64,
+    outcome: Outcome,
+}
+
+/// How an episode ended that the same step has replaced by the next one.
+pub struct Last {
+    /// What is known after its last step.
+    pub row: Row,
+    /// Its last observation.
+    pub observation: Box<[f32; LENGTH]>,
+}
+
+/// One environment.
+pub(super) struct Slot {
+    number: usize,
+    /// Steps of this environment in the whole training, or of all that share the adversary's experience.
+    training_steps: f64,
+    seed: u64,
+    /// Episodes begun since it was seeded.
+    episodes: u64,
+    /// Place in the sequence of scenes.
+    place: u64,
+    episode: Option<Episode>,
+    /// Whether the last episode of each scene arrived, and its completion.
+    results: HashMap<usize, (bool, f64)>,
+    arrivals: usize,
+    completions: f64,
+    /// What the adversary knows of this environment alone.
+    pub(super) experience: Experience,
+    /// What the episode that ended in this step teaches.
+    pub(super) lesson: Option<Lesson>,
+    /// How the episode ended that this step replaced.
+    pub(super) last: Option<Last>,
+    pub(super) notes: Vec<Note>,
+    begins: bool,
+}
+
+impl Slot {
+    pub(super) fn new(number: usize, training_steps: f64) -> Self {
+        Self {
+            number,
+            training_steps,
+            seed: 0,
+            episodes: 0,
+            place: 0,
+            episode: None,
+            results: HashMap::new(),
+            arrivals: 0,
+            completions: 0.0,
+            experience: Experience::default(),
+            lesson: None,
+            last: None,
+            notes: Vec::new(),
+            begins: false,
+        }
+    }
+
+    pub(super) fn environment(&self) -> Option<&Environment> {
+        self.episode.as_ref().map(|episode| &episode.environment)
+    }
+
+    pub(super) fn number(&self) -> usize {
+        self.number
+    }
+
+    /// Starts anew: nothing of what was before matters.
+    pub(super) fn seed(&mut self, seed: u64) {
+        *self = Self { seed, ..Self::new(self.number, self.training_steps) };
+    }
+
+    /// Whether it must be reset before its next step.
+    pub(super) fn needs_reset(&self) -> bool {
+        self.environment().is_none_or(Environment::is_over)
+    }
+
+    /// Steps without anything shared.
+    ///
+    /// *Errors*: as [`Slot::drive`] and [`Slot::begin`].
+    pub(super) fn step_alone(
+        &mut self,
+        setting: &Setting,
+        action: [f32; 2],
+        auto: AutoReset,
+        observation: &mut [f32; LENGTH],
+    ) -> Result<(Row, Option<Last>), Error> {
+        if self.drive(setting, action, auto)? {
+            self.experience.count_step();
+        }
+        if let Some(lesson) = self.lesson.take() {
+            self.experience.learn(lesson);
+        }
+        self.turn(setting, None, auto)?;
+        self.observe(observation);
+        Ok((self.row(), self.last.take()))
+    }
+
+    /// Steps, unless the step is the one that begins the next episode. Returns whether it stepped.
+    ///
+    /// *Errors*: as [`Environment::step`].
+    pub(super) fn drive(
+        &mut self,
+        setting: &Setting,
+        action: [f32; 2],
+        auto: AutoReset,
+    ) -> Result<bool, Error> {
+        self.begins = auto == AutoReset::NextStep && self.needs_reset();
+        self.last = None;
+        if self.begins {
+            return Ok(false);
+        }
+        let Some(episode) = &mut self.episode else { return Err(never_reset(self.number)) };
+        let [steer, throttle] = action.map(f64::from);
+        let outcome = episode.environment.step(Action { steer, throttle })?;
+        episode.count(outcome, setting);
+        if episode.environment.is_over() {
+            let result = (outcome.arrived, outcome.completion);
+            let (arrived, completion) = self.results.insert(episode.scene, result).unwrap_or_default();
+            self.arrivals = self.arrivals + usize::from(result.0) - usize::from(arrived);
+            self.completions += result.1 - completion;
+            self.lesson = setting.adversary.as_ref().map(|adversary| {
+                let counts = adversary.curriculum.uses_success();
+                episode.lesson(if counts { episode.success() } else { None })
+            });
+            self.begins = auto == AutoReset::SameStep;
+        }
+        Ok(true)
+    }
+
+    /// Begins the next episode if this step is to; then the end of the one before is in `last`.
+    ///
+    /// *Errors*: as [`Slot::begin`].
+    pub(super) fn turn(
+        &mut self,
+        setting: &Setting,
+        experience: Option<&Experience>,
+        auto: AutoReset,
+    ) -> Result<(), Error> {
+        if !self.begins {
+            return Ok(());
+        }
+        self.begins = false;
+        if auto == AutoReset::SameStep {
+            let mut observation = Box::new([0.0; LENGTH]);
+            self.observe(&mut observation);
+            self.last = Some(Last { row: self.row(), observation });
+        }
+        self.begin(setting, experience, None)
+    }
+
+    /// Begins an episode in a given scene, or in the next one that can be used. `experience` is what the adversary shares, in place of
+    /// that of this environment.
+    ///
+    /// *Errors*: the scene cannot be used; a hundred scenes in a row cannot.
+    pub(super) fn begin(
+        &mut self,
+        setting: &Setting,
+        experience: Option<&Experience>,
+        wanted: Option<usize>,
+    ) -> Result<(), Error> {
+        let number = self.episodes;
+        self.episodes += 1;
+        let mut rng = Rng::new(self.seed, &number.to_string(), "episodes");
+        let count = setting.scenes.count();
+        let tries = if wanted.is_some() { 1 } else { MOST_FAILURES };
+        let mut failed = None;
+        for _ in 0..tries {
+            let drawn = rng.below(count);
+            let world = rng.bits();
+            let scene = wanted.unwrap_or_else(|| match setting.order {
+                SceneOrder::Random => drawn,
+                SceneOrder::Sequential { first, workers } => {
+                    self.place += 1;
+                    let first = (first + self.number) % count;
+                    let turns = (count - first).div_ceil(workers) as u64;
+                    first + workers * ((self.place - 1) % turns) as usize
+                }
+            });
+            match self.begin_in(setting, experience, scene, number, world) {
+                Ok(episode) => {
+                    self.episode = Some(episode);
+                    return Ok(());
+                }
+                Err(error) => {
+                    self.note(scene, error.to_string());
+                    failed = Some(error);
+                }
+            }
+        }
+        Err(failed.unwrap_or_else(|| never_reset(self.number)))
+    }
+
+    fn begin_in(
+        &mut self,
+        setting: &Setting,
+        experience: Option<&Experience>,
+        scene: usize,
+        episode: u64,
+        world: u64,
+    ) -> Result<Episode, Error> {
+        let sim = setting.scenes.scene(scene)?;
+        let (mut plan, mut intensity) = (None, None);
+        if let Some(adversary) = &setting.adversary {
+            // A seed of its own, so that worlds are the same with and without an adversary.
+            let mut rng = Rng::new(self.seed, &episode.to_string(), "adversary");
+            let experience = experience.unwrap_or(&self.experience);
+            let progress = experience.progress(self.training_steps);
+            if let Some(lambda) = adversary.curriculum.draw(&progress, &mut rng) {
+                match adversary.plan(scene, &sim, experience, lambda, rng.bits()) {
+                    Ok(planned) => (plan, intensity) = (Some(planned), Some(lambda)),
+                    Err(error) => self.note(scene, format!("{error}; the episode has no attack")),
+                }
+            }
+        }
+        let environment = Environment::reset(sim, setting.rules.clone(), plan.clone(), world)?;
+        let motions = vec![*environment.world().motion()];
+        let scene_completion = environment.coordinates().along / environment.world().scene().route().length();
+        let outcome = Outcome { completion: scene_completion, ..Outcome::default() };
+        Ok(Episode {
+            environment,
+            scene,
+            plan,
+            intensity,
+            motions,
+            touched: None,
+            episode_return: 0.0,
+            outcome,
+        })
+    }
+
+    fn note(&mut self, scene: usize, problem: String) {
+        if self.notes.len() < MOST_NOTES {
+            self.notes.push(Note { scene, problem });
+        }
+    }
+
+    /// Writes the observation; zeros before the first reset.
+    pub(super) fn observe(&self, out: &mut [f32; LENGTH]) {
+        match self.environment() {
+            Some(environment) => environment.observe(out),
+            None => *out = [0.0; LENGTH],
+        }
+    }
+
+    /// What is known after the last step or reset.
+    pub(super) fn row(&self) -> Row {
+        let Some(episode) = &self.episode else { return Row::default() };
+        let environment = &episode.environment;
+        let world = environment.world();
+        let (facts, scene) = (world.facts(), world.scene());
+        Row {
+            outcome: episode.outcome,
+            scene: episode.scene,
+            steps: world.step_count(),
+            episode_return: episode.episode_return,
+            is_at_limit: environment.is_at_limit(),
+            on_edge: facts.on_edge,
+            on_line: facts.on_yellow || facts.on_white,
+            across: environment.coordinates().across,
+            route_length: scene.route().length(),
+            size: world.size(),
+            intensity: episode.intensity,
+            scenes_seen: self.results.len(),
+            arrivals: self.arrivals,
+            completions: self.completions,
+        }
+    }
+}
+
+impl Episode {
+    fn count(&mut self, outcome: Outcome, setting: &Setting) {
+        self.outcome = outcome;
+        self.episode_return += outcome.reward;
+        if setting.adversary.is_none() {
+            return;
+        }
+        let world = self.environment.world();
+        // What is driven after the recording is of no use for an attack.
+        if self.motions.len() < world.scene().scene().frames {
+            self.motions.push(*world.motion());
+        }
+        let adversary = self.plan.as_ref().map(|plan| plan.track);
+        let touches = || world.facts().contacts.iter().any(|contact| Some(contact.track) == adversary);
+        if self.touched.is_none() && touches() {
+            self.touched = Some(world.step_count());
+        }
+    }
+
+    fn success(&self) -> Option<bool> {
+        let scene = self.environment.world().scene();
+        success(scene, self.plan.as_deref(), &self.motions, self.touched, self.outcome.completion)
+    }
+
+    fn lesson(&mut self, success: Option<bool>) -> Lesson {
+        let motions = std::mem::take(&mut self.motions);
+        Lesson { scene: self.scene, motions, intensity: self.intensity, success }
+    }
+}
+
+/// The error of a step before the first reset.
+pub(super) fn never_reset(number: usize) -> Error {
+    Error::Batch { problem: format!("environment {number} was never reset; reset it before its first step") }
+}

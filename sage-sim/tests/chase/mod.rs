@@ -1,0 +1,34 @@
+//! An attacker without a network.
+
+use std::sync::Arc;
+
+use sage_core::{generator::OperatingPoint, motion::Trajectory};
+use sage_sim::{Error, SimScene, drive::Drive, rl::Attacker, traffic::Plan};
+
+/// Drives the adversary towards where the ego was: depends on drive and intensity as a generator does.
+pub(crate) struct Chase {
+    pub(crate) is_broken: bool,
+}
+
+impl Attacker for Chase {
+    fn plan(
+        &self,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        at: &OperatingPoint,
+        _: u64,
+    ) -> Result<Arc<Plan>, Error> {
+        let track = &scene.scene().tracks[scene.scene().adversary_index()?];
+        let from = track.point(10);
+        let last = drive
+            .and_then(|drive| drive.motions.last())
+            .map_or_else(|| scene.scene().ego().point(90), |m| m.position);
+        let to = if self.is_broken { [f64::NAN, 0.0] } else { last };
+        let point = |k: usize| {
+            let share = at.mu * k as f64 / 80.0;
+            [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]))
+        };
+        let trajectory = Trajectory::new("chase", (1..=80).map(point).collect())?;
+        Ok(Arc::new(Plan::of_adversary(scene.scene(), &trajectory)?))
+    }
+}

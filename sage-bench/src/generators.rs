@@ -132,6 +132,20 @@ impl BuiltGenerator {
         Ok(self.generator.attacks(ctx, point, seed)?.into_iter().next())
     }
 
+    /// The plan of the attack at one of the operating points, by its number, against a drive of the ego; without a drive against its
+    /// recording. A contact at *now* is no error, as in the published evaluation.
+    ///
+    /// *Errors*: those of the generator.
+    pub fn plan_at(
+        &self,
+        number: usize,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        seed: u64,
+    ) -> Result<Arc<Plan>, sage_sim::Error> {
+        plan_of_generator(&*self.generator.0, &self.points[number], scene, drive, seed)
+    }
+
     /// Whether it can attack at a λ between two experts, known before the first attack.
     ///
     /// *Errors*: an expert is missing.

@@ -27,6 +27,7 @@ pub mod report;
 pub mod rows;
 pub mod runner;
 pub mod search;
+pub mod searched_attacker;
 pub mod selection;
 pub mod study;
 pub mod table;

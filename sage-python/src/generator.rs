@@ -44,6 +44,11 @@ pub(crate) struct PyGenerator {
 }
 
 impl PyGenerator {
+    /// The generator.
+    pub(crate) fn built(&self) -> Arc<Built> {
+        self.built.clone()
+    }
+
     /// The generator for a seed.
     ///
     /// *Errors*: none that building it the first time did not have.

@@ -82,8 +82,8 @@ impl Adversary {
         Self { attacker, curriculum, against_drives, total_steps, plans: Mutex::new(Recent::new(PLANS)) }
     }
 
-    /// The plan of an attack of intensity λ in a scene. One against the recording does not depend on the seed, so that it is
-    /// computed once.
+    /// The plan of an attack of intensity λ in a scene. One against the recording is computed once, with seed 0, unless the attacker
+    /// draws.
     ///
     /// *Errors*: the scene cannot be attacked.
     pub(super) fn plan(
@@ -99,6 +99,9 @@ impl Adversary {
         if let Some(motions) = drive {
             let drive = Drive { motions: motions.to_vec(), ..Drive::default() };
             return self.attacker.plan(scene, Some(&drive), &at, seed);
+        }
+        if self.attacker.draws() {
+            return self.attacker.plan(scene, None, &at, seed);
         }
         let key = (number, lambda.to_bits());
         let known = self.plans.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();

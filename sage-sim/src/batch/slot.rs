@@ -44,11 +44,11 @@ pub struct Row {
     pub size: [f64; 2],
     /// Intensity of the attack; `None` without one.
     pub intensity: Option<f64>,
-    /// Scenes in which an episode of this environment ended.
-    pub scenes_seen: usize,
-    /// Sum over these scenes of whether the last episode arrived.
+    /// Scenes in which an episode of this environment began.
+    pub scenes_begun: usize,
+    /// Sum over these scenes of whether the last episode that ended arrived.
     pub arrivals: usize,
-    /// Sum over these scenes of the completion of the last episode.
+    /// Sum over these scenes of the completion of the last episode that ended.
     pub completions: f64,
 }
 
@@ -93,7 +93,7 @@ pub(super) struct Slot {
     /// Place in the sequence of scenes.
     place: u64,
     episode: Option<Episode>,
-    /// Whether the last episode of each scene arrived, and its completion.
+    /// Whether the last episode of each scene arrived, and its completion; 0 before its end.
     results: HashMap<usize, (bool, f64)>,
     arrivals: usize,
     completions: f64,
@@ -249,6 +249,7 @@ impl Slot {
             });
             match self.begin_in(setting, experience, scene, number, world) {
                 Ok(episode) => {
+                    self.results.entry(scene).or_default();
                     self.episode = Some(episode);
                     return Ok(());
                 }
@@ -331,7 +332,7 @@ impl Slot {
             route_length: scene.route().length(),
             size: world.size(),
             intensity: episode.intensity,
-            scenes_seen: self.results.len(),
+            scenes_begun: self.results.len(),
             arrivals: self.arrivals,
             completions: self.completions,
         }

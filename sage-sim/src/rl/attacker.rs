@@ -22,6 +22,11 @@ pub trait Attacker: Send + Sync {
         at: &OperatingPoint,
         seed: u64,
     ) -> Result<Arc<Plan>, Error>;
+
+    /// Whether it has several plans for the same scene, drive and point, of which the seed draws one.
+    fn draws(&self) -> bool {
+        false
+    }
 }
 
 /// The plan of a generator at an operating point. The generator sees the scene in which the ego's recording is the drive,

@@ -1,0 +1,211 @@
+//! Adversaries of environments: what a user describes, and what attacks.
+
+use std::{collections::HashMap, sync::Arc};
+
+use pyo3::{prelude::*, types::PyDict};
+use sage_bench::{
+    named_search::{NamedSearch, SearchSpec},
+    operating_point::OperatingPoints,
+    part::Part,
+    searched_attacker::SearchedAttacker,
+};
+use sage_core::{generator::OperatingPoint, motion::Trajectory, seed::Rng};
+use sage_sim::{
+    Error, SimScene,
+    batch::Adversary,
+    drive::Drive,
+    policy::EgoPolicy,
+    rl::{Attacker, Curriculum, Progress, curriculum::curricula},
+    search::{Requirement, SearchOptions},
+    traffic::Plan,
+};
+
+use crate::{
+    built::Built,
+    errors::OptionError,
+    generator::{PyGenerator, part},
+    parts::{Driver, registries},
+    values,
+};
+
+/// An adversary as a user describes it.
+pub(crate) struct Described {
+    attacks: Attacks,
+    /// `None` for the same share and intensity throughout.
+    curriculum: Option<Part>,
+    probability: f64,
+    against_drives: bool,
+    total_steps: u64,
+}
+
+enum Attacks {
+    Generator(Arc<Built>),
+    Search { ego: Arc<dyn EgoPolicy>, options: SearchOptions, weights: Option<String> },
+    Plans(GivenPlans),
+}
+
+/// The adversary of checked values: one of `generator`, `search` (a driver) and `plans` (a list of scene id and positions);
+/// `curriculum` or None, `probability`, `against_drives`, `total_steps`, `budget`, `require`, `weights`.
+///
+/// *Errors*: a part that there is not, or a value that it refuses.
+pub(crate) fn of(described: &Bound<'_, PyDict>) -> PyResult<Described> {
+    let py = described.py();
+    let get = |key: &str| -> PyResult<Option<Bound<'_, PyAny>>> {
+        Ok(described.get_item(key)?.filter(|value| !value.is_none()))
+    };
+    let attacks = if let Some(generator) = get("generator")? {
+        let generator = generator.cast_into::<PyGenerator>().map_err(|error| {
+            OptionError::new_err(format!(
+                "adversary: the generator is {}; expected a Generator",
+                error.into_inner()
+            ))
+        })?;
+        Attacks::Generator(generator.get().built())
+    } else if let Some(plans) = get("plans")? {
+        let mut given: HashMap<String, Vec<Trajectory>> = HashMap::new();
+        for pair in plans.try_iter()? {
+            let (id, positions): (String, Bound<'_, PyAny>) = pair?.extract()?;
+            let plans = values::trajectories(&format!("adversary: the plans of `{id}`"), &positions)?;
+            given.entry(id).or_default().extend(plans);
+        }
+        Attacks::Plans(GivenPlans(given))
+    } else {
+        let ego = get("search")?.ok_or_else(|| OptionError::new_err("adversary: nothing attacks"))?;
+        let driver = Driver::of(py, &ego)?;
+        if driver.planner.is_some() {
+            return Err(OptionError::new_err(
+                "adversary: a search within an environment takes drivers by name; search with sage.search and your planner, and give its result as \"plans\"",
+            ));
+        }
+        let require = get("require")?.map(|require| require.extract::<String>()).transpose()?;
+        let require =
+            require.map(|text| text.parse::<Requirement>()).transpose().map_err(OptionError::new_err)?;
+        let budget = get("budget")?.map(|budget| crate::seed::count(&budget)).transpose()?;
+        let base = SearchOptions::default();
+        let options = SearchOptions {
+            require: require.unwrap_or(base.require),
+            budget: budget.unwrap_or(base.budget),
+            ..base
+        };
+        let weights = get("weights")?.map(|weights| weights.extract::<String>()).transpose()?;
+        Attacks::Search { ego: driver.policy, options, weights }
+    };
+    let curriculum = get("curriculum")?.map(|name| part(&name.extract::<String>()?)).transpose()?;
+    let number =
+        |key: &str, default: f64| -> PyResult<f64> { get(key)?.map_or(Ok(default), |value| value.extract()) };
+    Ok(Described {
+        attacks,
+        curriculum,
+        probability: number("probability", 1.0)?,
+        against_drives: get("against_drives")?.is_some_and(|value| value.is_truthy().unwrap_or(false)),
+        total_steps: get("total_steps")?.map_or(Ok(0), |value| value.extract())?,
+    })
+}
+
+impl Described {
+    /// The adversary.
+    ///
+    /// *Errors*: an unknown part, or weights that cannot be used.
+    pub(crate) fn build(self) -> anyhow::Result<Adversary> {
+        let Self { attacks, curriculum, probability, against_drives, total_steps } = self;
+        let has_curriculum = curriculum.is_some();
+        let mut lambda = f64::NAN;
+        let attacker: Arc<dyn Attacker> = match attacks {
+            Attacks::Generator(built) if has_curriculum => {
+                built.named.built.check_lambda()?;
+                Arc::new(AtAnyPoint(built))
+            }
+            Attacks::Generator(built) => {
+                lambda = built.named.points[0].lambda.unwrap_or(f64::NAN);
+                Arc::new(AtItsPoint(built))
+            }
+            Attacks::Search { ego, options, weights } => {
+                let spec = SearchSpec {
+                    method: None,
+                    selection: "natural".to_owned(),
+                    feasibility: None,
+                    merger: Part::named("linear"),
+                    weights,
+                    points: OperatingPoints::default(),
+                    plans: sage_sim::search::MOST_PLANS,
+                    seed: 0,
+                };
+                let search: NamedSearch = spec.build(registries()?, |_| {})?;
+                Arc::new(SearchedAttacker::new(search, ego, options, 0))
+            }
+            Attacks::Plans(plans) => Arc::new(plans),
+        };
+        let curriculum: Arc<dyn Curriculum> = match curriculum {
+            Some(part) => part.build(&curricula()?)?.into(),
+            None => Arc::new(Share { probability, lambda }),
+        };
+        Ok(Adversary::new(attacker, curriculum, against_drives, total_steps))
+    }
+}
+
+/// A share of episodes with an attack. λ is that of the generator; NaN if it is at none.
+struct Share {
+    probability: f64,
+    lambda: f64,
+}
+
+impl Curriculum for Share {
+    fn draw(&self, _: &Progress, rng: &mut Rng) -> Option<f64> {
+        (rng.unit() < self.probability).then_some(self.lambda)
+    }
+}
+
+/// A generator at the operating point that the user gave.
+struct AtItsPoint(Arc<Built>);
+
+impl Attacker for AtItsPoint {
+    fn plan(
+        &self,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        _: &OperatingPoint,
+        seed: u64,
+    ) -> Result<Arc<Plan>, Error> {
+        self.0.named.built.plan_at(0, scene, drive, seed)
+    }
+}
+
+/// A generator at the points of a curriculum.
+struct AtAnyPoint(Arc<Built>);
+
+impl Attacker for AtAnyPoint {
+    fn plan(
+        &self,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        at: &OperatingPoint,
+        seed: u64,
+    ) -> Result<Arc<Plan>, Error> {
+        self.0.named.built.plan(scene, drive, at, seed)
+    }
+}
+
+/// Plans that were made before, by identifier of the scene.
+struct GivenPlans(HashMap<String, Vec<Trajectory>>);
+
+impl Attacker for GivenPlans {
+    fn plan(
+        &self,
+        scene: &SimScene,
+        _: Option<&Drive>,
+        _: &OperatingPoint,
+        seed: u64,
+    ) -> Result<Arc<Plan>, Error> {
+        let id = &scene.scene().id;
+        let plans = self.0.get(id).filter(|plans| !plans.is_empty()).ok_or_else(|| Error::Plan {
+            scene: id.clone(),
+            problem: "no plan was given for it".to_owned(),
+        })?;
+        let plan = &plans[(seed % plans.len() as u64) as usize];
+        Ok(Arc::new(Plan::of_adversary(scene.scene(), plan)?))
+    }
+
+    fn draws(&self) -> bool {
+        true
+    }
+}

@@ -5,19 +5,18 @@ use std::{
     sync::{Arc, Mutex, MutexGuard},
 };
 
-use anyhow::Context as _;
 use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::{
     prelude::*,
-    types::{PyDict, PyIterator},
+    types::{PyDict, PyIterator, PyString},
 };
 use rayon::ThreadPool;
 use sage_sim::{
     batch::{AutoReset, Batch, BatchOptions, BatchOutput, Reset, SceneOrder, Setting},
     environment::EnvironmentOptions,
     observation::LENGTH,
+    traffic::TrafficMode,
 };
-use serde_json::Value;
 
 use crate::{
     adversaries,
@@ -25,7 +24,7 @@ use crate::{
     environment_picture,
     environment_rows::{Infos, info},
     environment_scenes::ListedScenes,
-    errors::{OptionError, caught, detached},
+    errors::{OptionError, UnknownName, caught, detached},
     values,
 };
 
@@ -33,7 +32,6 @@ use crate::{
 #[pyclass(frozen, module = "advsage._advsage", name = "Environments")]
 pub(crate) struct PyEnvironments {
     scenes: Arc<ListedScenes>,
-    has_adversary: bool,
     inner: Mutex<Inner>,
 }
 
@@ -104,24 +102,22 @@ impl PyEnvironments {
         first: usize,
     ) -> PyResult<Self> {
         let scenes = Arc::new(ListedScenes::new(scenes, in_memory, first)?);
-        let rules = values::options("config", Some(rules))?;
+        let rules = self::rules(rules)?;
         let adversary = adversary.map(adversaries::of).transpose()?;
         let auto_reset = match auto_reset {
             "same_step" => AutoReset::SameStep,
             "next_step" => AutoReset::NextStep,
             _ => AutoReset::Off,
         };
-        let has_adversary = adversary.is_some();
         let options = BatchOptions { count, auto_reset, share_experience: share, parallel: threads > 1 };
         let batch = detached(py, || {
             let order = sequence
                 .map_or(SceneOrder::Random, |(first, workers)| SceneOrder::Sequential { first, workers });
-            let rules = Arc::new(self::rules(rules)?);
             let adversary = adversary.map(adversaries::Described::build).transpose()?;
             Ok(Batch::new(Setting { scenes: scenes.clone(), order, rules, adversary }, options)?)
         })?;
         let threads = Threads { count: threads, pool: None };
-        Ok(Self { scenes, has_adversary, inner: Mutex::new(Inner { batch, threads }) })
+        Ok(Self { scenes, inner: Mutex::new(Inner { batch, threads }) })
     }
 
     /// Names of the scenes, in their order.
@@ -271,7 +267,7 @@ impl PyEnvironments {
     }
 
     fn infos<'o>(&self, out: &'o BatchOutput) -> Infos<'o> {
-        Infos { rows: &out.rows, first: self.scenes.counts().first, has_adversary: self.has_adversary }
+        Infos { rows: &out.rows, first: self.scenes.counts().first }
     }
 
     fn stepped<'py>(&self, py: Python<'py>, out: BatchOutput, shape: &[usize]) -> PyResult<Stepped<'py>> {
@@ -291,26 +287,46 @@ impl PyEnvironments {
     }
 }
 
-/// The rules of a preset with some options changed.
+/// The rules of a preset, with some keys of `advsage.gym` changed.
 ///
-/// *Errors*: an option that there is not, or a value that it refuses.
-fn rules(mut changed: serde_json::Map<String, Value>) -> anyhow::Result<EnvironmentOptions> {
-    let preset = changed.remove("preset").unwrap_or_default();
-    let preset = preset.as_str().unwrap_or_default();
-    let preset = EnvironmentOptions::preset(preset).with_context(|| format!("unknown preset `{preset}`"))?;
-    let mut all = serde_json::to_value(preset)?;
-    merge(&mut all, Value::Object(changed));
-    Ok(serde_json::from_value(all)?)
-}
-
-/// Puts values into a tree of options.
-fn merge(all: &mut Value, changed: Value) {
-    match (all, changed) {
-        (Value::Object(all), Value::Object(changed)) => {
-            for (key, value) in changed {
-                merge(all.entry(key).or_insert(Value::Null), value);
+/// *Errors*: a key that there is not, or a value of a wrong type; `advsage.gym` has checked both.
+fn rules(given: &Bound<'_, PyDict>) -> PyResult<Arc<EnvironmentOptions>> {
+    let preset: String = given.as_any().get_item("preset")?.extract()?;
+    let mut rules = EnvironmentOptions::preset(&preset)
+        .ok_or_else(|| UnknownName::new_err(format!("unknown preset `{preset}`")))?;
+    let mut world = (*rules.world).clone();
+    for (key, value) in given {
+        let key: String = key.extract()?;
+        match &*key {
+            "preset" => {}
+            "horizon" => {
+                // None is no limit, and a text the end of the recording.
+                let steps: Option<usize> = value.extract().unwrap_or(None);
+                rules.max_steps = steps.unwrap_or(usize::MAX);
+                rules.outlast_log = !value.is_instance_of::<PyString>();
+            }
+            "no_static_vehicles" => world.traffic.parked = !value.extract::<bool>()?,
+            "reactive_traffic" if value.extract()? => world.traffic.mode = TrafficMode::Reactive,
+            "reactive_traffic" => {}
+            "truncate_as_terminate" => rules.limit_terminates = value.extract()?,
+            "crash_vehicle_done" => rules.contact_ends = value.extract()?,
+            _ => {
+                let rewards = &mut rules.rewards;
+                let number = match &*key {
+                    "driving_reward" => &mut rewards.progress,
+                    "success_reward" => &mut rewards.success,
+                    "out_of_road_penalty" => &mut rewards.out_of_road,
+                    "crash_vehicle_penalty" => &mut rewards.vehicle_contact,
+                    "crash_object_penalty" => &mut rewards.object_contact,
+                    "out_of_road_cost" => &mut rewards.out_of_road_cost,
+                    "crash_vehicle_cost" => &mut rewards.vehicle_contact_cost,
+                    "crash_object_cost" => &mut rewards.object_contact_cost,
+                    _ => return Err(UnknownName::new_err(format!("unknown key `{key}`"))),
+                };
+                *number = value.extract()?;
             }
         }
-        (all, changed) => *all = changed,
     }
+    rules.world = Arc::new(world);
+    Ok(Arc::new(rules))
 }

@@ -248,6 +248,7 @@ fn of_simulation(error: &sage_sim::Error) -> Kind<'_> {
     match error {
         Error::Core(error) => of_core(error),
         Error::Planner { .. } => Kind::Planner,
+        Error::Batch { .. } => Kind::Option,
         _ => Kind::Scene,
     }
 }

@@ -124,7 +124,9 @@ pub(crate) fn array<'py, T: numpy::Element>(
     values: Vec<T>,
     shape: &[usize],
 ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
-    PyArray1::from_vec(py, values).reshape(shape)
+    let array = PyArray1::from_vec(py, values);
+    // A reshaped array is a second object of Python.
+    if shape == [array.len()] { Ok(array.to_dyn().clone()) } else { array.reshape(shape) }
 }
 
 /// The same, which cannot be written to, because it is shared.

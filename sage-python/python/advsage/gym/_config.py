@@ -94,24 +94,25 @@ SENSORS: dict[str, dict[str, int]] = {
     "lane_line_detector": {"num_lasers": 12, "distance": 50},
 }
 
-#: Place of a key in the rules of the simulation.
-RULES: dict[str, tuple[str, ...]] = {
-    "truncate_as_terminate": ("limit_terminates",),
-    "crash_vehicle_done": ("contact_ends",),
-    "driving_reward": ("rewards", "progress"),
-    "success_reward": ("rewards", "success"),
-    "out_of_road_penalty": ("rewards", "out_of_road"),
-    "crash_vehicle_penalty": ("rewards", "vehicle_contact"),
-    "crash_object_penalty": ("rewards", "object_contact"),
-    "out_of_road_cost": ("rewards", "out_of_road_cost"),
-    "crash_vehicle_cost": ("rewards", "vehicle_contact_cost"),
-    "crash_object_cost": ("rewards", "object_contact_cost"),
-}
+#: Keys of the rules of the simulation.
+RULES = [
+    "horizon",
+    "truncate_as_terminate",
+    "crash_vehicle_done",
+    "no_static_vehicles",
+    "reactive_traffic",
+    "driving_reward",
+    "success_reward",
+    "out_of_road_penalty",
+    "crash_vehicle_penalty",
+    "crash_object_penalty",
+    "out_of_road_cost",
+    "crash_vehicle_cost",
+    "crash_object_cost",
+]
 
 #: Procedural scenes of each kind, where no others are given.
 PROCEDURAL = 6
-#: Steps of a horizon that is none.
-ENDLESS = 2**53
 
 
 def checked(config: Config | None) -> dict[str, Any]:
@@ -133,10 +134,9 @@ def checked(config: Config | None) -> dict[str, Any]:
     if preset not in ("training", "default", "metadrive"):
         raise UnknownName(f"config: unknown preset {preset!r}; known: training, default, metadrive")
     _check_values(given)
-    # The presets differ in these: what is not given is left to them.
-    of_preset = ("horizon", "truncate_as_terminate", "crash_vehicle_done", "no_static_vehicles")
     merged = {**DEFAULTS, **given}
-    merged["from_preset"] = [key for key in of_preset if key not in given]
+    # Of a preset other than that of the defaults, rules that are not given are left to it.
+    merged["rules"] = [key for key in RULES if key in given]
     return merged
 
 
@@ -223,25 +223,11 @@ def _procedural() -> Iterable[_advsage.Scene]:
 
 
 def rules_of(config: dict[str, Any]) -> dict[str, Any]:
-    """The rules of the simulation."""
-    rules: dict[str, Any] = {"preset": config["preset"], "rewards": {}}
-    left = config["from_preset"]
-    for key, path in RULES.items():
-        if key not in left:
-            place = rules
-            for name in path[:-1]:
-                place = place.setdefault(name, {})
-            place[path[-1]] = config[key]
-    if "horizon" not in left or config["preset"] != "metadrive":
-        horizon = config["horizon"]
-        is_recording = horizon == "recording"
-        rules["max_steps"] = ENDLESS if horizon is None or is_recording else horizon
-        rules["outlast_log"] = not is_recording
-    traffic: dict[str, Any] = {"mode": "reactive" if config["reactive_traffic"] else "replay"}
-    if "no_static_vehicles" not in left:
-        traffic["parked"] = not config["no_static_vehicles"]
-    rules["world"] = {"traffic": traffic}
-    return rules
+    """The rules of the simulation: a preset, and what differs from it."""
+    rules = {key: config[key] for key in config["rules"]}
+    if config["preset"] != "metadrive":
+        rules["horizon"] = config["horizon"]
+    return {"preset": config["preset"], **rules}
 
 
 def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:

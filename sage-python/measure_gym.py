@@ -1,14 +1,17 @@
-"""Measures the environments against the same steps in Rust, in turn: steps per second on one core, and resident size.
+"""Measures the environments against the same steps in Rust, in turn: steps per second of CPU time on one core.
 
-python3 measure_gym.py FILE... (16 scenes; needs target/release/examples/step_environments, and MetaDrive's Python in
-SAGE_METADRIVE_PYTHON for its row)
+python3 measure_gym.py FILE... (16 scenes; needs `cargo build --release -p sage-sim --example step_environments`). MetaDrive steps through
+three of them, where SAGE_METADRIVE_PYTHON names a Python that has it.
 """
 
 import json
+import os
 import pathlib
+import shutil
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 
 import advsage.gym
@@ -57,6 +60,49 @@ def single(files, make):
     return rate, rewards
 
 
+#: Steps of MetaDrive with the sensors of our observation, in scenes of a folder.
+METADRIVE = """
+import os, pickle, sys, time
+from metadrive.engine.base_engine import BaseEngine
+from metadrive.envs.scenario_env import ScenarioEnv
+# Without pictures its models are not needed, which it would load from the network.
+BaseEngine.try_pull_asset = lambda self: None
+folder = sys.argv[1]
+count = len(pickle.load(open(os.path.join(folder, "dataset_summary.pkl"), "rb")))
+env = ScenarioEnv(dict(data_directory=folder, num_scenarios=count, no_light=True, no_static_vehicles=True, log_level=50, horizon=90,
+    vehicle_config=dict(lidar=dict(num_lasers=30, distance=50, num_others=3), side_detector=dict(num_lasers=30, distance=50),
+    lane_line_detector=dict(num_lasers=12, distance=50))))
+for lap in range(2):
+    steps, clock = 0, time.process_time()
+    for number in range(count):
+        env.reset(seed=number)
+        for step in range(60):
+            over = env.step([0.0, 0.1])
+            steps += 1
+            if over[2] or over[3]:
+                break
+    seconds = time.process_time() - clock
+print("rate", steps / seconds)
+"""
+
+
+def metadrive(files):
+    """Steps per second of MetaDrive; None where it is not installed."""
+    python = os.environ.get("SAGE_METADRIVE_PYTHON")
+    if not python:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        os.mkdir(f"{folder}/scenes")
+        for file in files:
+            shutil.copy(file, f"{folder}/scenes")
+        sage = RUST.parents[1] / "sage"
+        # Of the formats it is this one that has the summary that MetaDrive reads.
+        words = ["--lambda", "0", "--format", "pickle", "--no-pages", "--quiet", "--out", f"{folder}/data"]
+        subprocess.run([sage, "generate", f"{folder}/scenes", *words], check=True, capture_output=True)
+        done = subprocess.run([python, "-c", METADRIVE, f"{folder}/data"], check=True, capture_output=True, text=True)
+        return float(done.stdout.split("rate ")[1])
+
+
 def main(*files):
     files = list(files)
     rows = {}
@@ -77,6 +123,8 @@ def main(*files):
             f"{name}: {statistics.median(rates):.0f} steps/s, {statistics.median(ratios):.3f} of Rust's "
             f"{statistics.median(rust):.0f} (runs {min(ratios):.3f} to {max(ratios):.3f})"
         )
+    rate = metadrive(files[:3])
+    print("MetaDrive: left out (SAGE_METADRIVE_PYTHON)" if rate is None else f"MetaDrive: {rate:.0f} steps/s")
 
 
 if __name__ == "__main__":

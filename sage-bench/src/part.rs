@@ -65,11 +65,14 @@ const FROM_FILES: [&str; 2] = ["path", "td3"];
 /// Policy that a command describes, and how it is written: cmd:COMMAND.
 const PROCESS: &str = "process";
 const COMMAND: &str = "cmd:";
+/// How a planner that is a class of Python is written, py:MODULE:CLASS, and the words that serve it.
+const CLASS: &str = "py:";
+const SERVE: [&str; 3] = ["python3", "-m", "advsage.serve"];
 /// Most files beside a script that are looked at.
 const MOST_BESIDE: usize = 1000;
 
-/// A driving policy: a part, `path:FILE` for the drive of another planner, `td3:FILE` for a learnt policy, or
-/// `cmd:COMMAND` for a planner that is a program.
+/// A driving policy: a part, `path:FILE` for the drive of another planner, `td3:FILE` for a learnt policy,
+/// `cmd:COMMAND` for a planner that is a program, or `py:MODULE:CLASS` for one that is a class of Python, served by `advsage`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyPart(pub Part);
 
@@ -87,6 +90,14 @@ impl PolicyPart {
         words.iter().map(|word| Some(word.as_str()?.to_owned())).collect()
     }
 
+    /// Module and class of a planner that is a class of Python.
+    fn class(&self) -> Option<String> {
+        match &self.command()?[..] {
+            [words @ .., class] if words == SERVE => Some(class.clone()),
+            _ => None,
+        }
+    }
+
     /// Whether it starts a program. Only a command line may name one; files that come from elsewhere may not.
     pub fn is_program(&self) -> bool {
         self.0.name == PROCESS
@@ -95,8 +106,12 @@ impl PolicyPart {
     /// Files that decide how it drives: the one that describes it, or those that its command names.
     pub fn files(&self) -> Vec<PathBuf> {
         let words = self.command().unwrap_or_default();
-        let named = words.iter().map(PathBuf::from).filter(|path| path.is_file());
-        named.chain(self.file().map(PathBuf::from)).collect()
+        let named = words.iter().map(PathBuf::from);
+        let class = self.class();
+        let module = class.as_deref().and_then(|class| class.rsplit_once(':'));
+        let module = module.map(|(module, _)| PathBuf::from(module.replace('.', "/") + ".py"));
+        let programs = named.chain(module).filter(|path| path.is_file());
+        programs.chain(self.file().map(PathBuf::from)).collect()
     }
 
     /// [`PolicyPart::files`], and the files beside those that a command names that have the same ending: what a script
@@ -147,6 +162,9 @@ impl fmt::Display for PolicyPart {
         if self.is_program() {
             shown.options.remove("timeouts");
         }
+        if let Some(class) = self.class().filter(|_| shown.options.len() == 1) {
+            return write!(f, "{CLASS}{class}");
+        }
         match (self.file(), self.command()) {
             (Some(file), _) if shown.options.len() == 1 => write!(f, "{}:{file}", shown.name),
             (_, Some(words)) if shown.options.len() == 1 => {
@@ -168,6 +186,14 @@ impl FromStr for PolicyPart {
         if let Some(line) = text.trim_start().strip_prefix(COMMAND) {
             let words = shlex::split(line)
                 .ok_or_else(|| format!("`{line}` has a quote without its end, or ends with a backslash"))?;
+            let options = Map::from_iter([("command".to_owned(), Value::from(words))]);
+            return Ok(Self(Part { name: PROCESS.to_owned(), options }));
+        }
+        if let Some(class) = text.trim().strip_prefix(CLASS) {
+            if !class.contains(':') || class.contains(char::is_whitespace) {
+                return Err(format!("`{text}` names no class; write py:package.module:Class"));
+            }
+            let words: Vec<&str> = SERVE.into_iter().chain([class]).collect();
             let options = Map::from_iter([("command".to_owned(), Value::from(words))]);
             return Ok(Self(Part { name: PROCESS.to_owned(), options }));
         }
@@ -260,6 +286,11 @@ mod tests {
         let long: PolicyPart = r#"process{"command":["a","b c"]}"#.parse().unwrap();
         assert_eq!(long.to_string(), "cmd:a 'b c'");
         assert!("cmd:python3 'x".parse::<PolicyPart>().unwrap_err().contains("without its end"));
+
+        let class: PolicyParts = "py:package.module:Class,idm".parse().unwrap();
+        assert_eq!(class.0[0].command().unwrap().join(" "), "python3 -m advsage.serve package.module:Class");
+        assert_eq!((class.0[0].to_string(), class.0.len()), ("py:package.module:Class".to_owned(), 2));
+        assert!("py:module".parse::<PolicyPart>().unwrap_err().contains("names no class"));
         let PolicyParts(one) = "cmd:a, b".parse().unwrap();
         assert_eq!(one[0].command().unwrap(), ["a,", "b"]);
     }

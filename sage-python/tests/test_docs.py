@@ -1,15 +1,19 @@
 """The blocks of `docs/python.md`, one after the other, and the examples."""
 
 import contextlib
+import importlib.util
 import io
+import json
 import os
+import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import unittest
 
 import advsage as sage
-from support import REPOSITORY, InFolder, needs
+from support import COMMAND, REPOSITORY, InFolder, needs, procedural
 
 EXAMPLES = REPOSITORY / "examples" / "python"
 
@@ -23,10 +27,13 @@ class Documents(InFolder):
 
     def test_the_page(self):
         text = (REPOSITORY / "docs" / "python.md").read_text()
-        blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+        blocks = re.findall(r"```python(?: (\w+))?\n(.*?)```", text, re.DOTALL)
         self.assertGreater(len(blocks), 8)
         names = {"__name__": "page"}
-        for number, block in enumerate(blocks):
+        for number, (extra, block) in enumerate(blocks):
+            if extra and importlib.util.find_spec(extra) is None:
+                print(f"left out: block {number} of the page needs {extra}")
+                continue
             with self.subTest(block=number), contextlib.redirect_stdout(io.StringIO()) as printed:
                 exec(compile(block, f"block {number}", "exec"), names)
             # What the page shows as printed is what is printed.
@@ -47,6 +54,30 @@ class Documents(InFolder):
             with self.subTest(example=name):
                 done = subprocess.run([sys.executable, EXAMPLES / f"{name}.py"], capture_output=True, text=True)
                 self.assertEqual((done.returncode, done.stderr), (0, ""))
+
+    @needs("stable_baselines3", "the example of training")
+    def test_the_example_of_training(self):
+        os.mkdir("scenes")
+        for scene in procedural(3):
+            scene.save(f"scenes/{scene.id}.pkl")
+        for name in ("train", "trained"):
+            shutil.copy(EXAMPLES / f"{name}.py", ".")
+        done = subprocess.run([sys.executable, "train.py", "scenes", "2048"], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertRegex(done.stdout, r"attacked: route completion 0\.\d\d, contact in \d+% of 16 episodes")
+        # What was trained drives for the command, and here.
+        sys.path.insert(0, "")
+        self.addCleanup(sys.path.remove, "")
+        here = sage.simulate("scenes/four-way-7-0.pkl", "py:trained:Trained")
+        environment = {**os.environ, "PATH": f"{pathlib.Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+        module = str(pathlib.Path(sage.__file__).parents[1])
+        environment["PYTHONPATH"] = os.pathsep.join([module, *filter(None, [os.environ.get("PYTHONPATH")])])
+        words = ["simulate", "scenes/four-way-7-0.pkl", "--ego", "py:trained:Trained", "--json", "--out", "drives"]
+        done = subprocess.run([COMMAND, *words], capture_output=True, text=True, env=environment)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        row = json.loads(done.stdout.splitlines()[0])
+        self.assertEqual(row["ego"], "py:trained:Trained")
+        self.assertEqual(row["completion"], here.completion)
 
     @needs("ray", "the example of Ray")
     def test_the_example_of_ray(self):

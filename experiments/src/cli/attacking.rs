@@ -53,8 +53,8 @@ pub(crate) struct GenerateArgs {
     #[command(flatten)]
     pub attack: AttackArgs,
     /// Policy that drives the ego before the attack, by its name in `sage list`; path:FILE, a drive of your own
-    /// planner (JSON, [x, y, heading] for each frame); or 'cmd:COMMAND', your own planner as a program. The attack is
-    /// planned against this drive, which also replaces the ego's recording in the written scenes.
+    /// planner (JSON, [x, y, heading] for each frame); or your own planner: 'cmd:COMMAND', a program, or py:MODULE:CLASS, a
+    /// class of Python. The attack is planned against this drive, which also replaces the ego's recording in the written scenes.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY", default_value = "replay")]
     pub ego: PolicyPart,
     #[command(flatten)]

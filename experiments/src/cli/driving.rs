@@ -41,12 +41,13 @@ pub(crate) struct SimulateArgs {
     /// Scene file, or folder of scene files.
     pub scene: PathBuf,
     /// Comma-separated policies that drive the ego, by their names in `sage list`; path:FILE, a drive of your own
-    /// planner; or 'cmd:COMMAND', your own planner as a program, which takes the rest of the text. May be repeated.
+    /// planner; or your own planner: py:MODULE:CLASS, a class of Python (which needs the package advsage), or 'cmd:COMMAND', a
+    /// program, which takes the rest of the text. May be repeated.
     #[arg(long, help_heading = DRIVER, value_name = "POLICIES", default_value = "idm")]
     pub ego: Vec<PolicyParts>,
     #[command(flatten)]
     pub planner: PlannerArgs,
-    /// First drive up to ten scenes three times with each planner of --ego 'cmd:COMMAND', in another order and in another
+    /// First drive up to ten scenes three times with each planner that is a program, in another order and in another
     /// process, and stop if the drives are not the same.
     #[arg(long, help_heading = DRIVER)]
     pub check_planner: bool,
@@ -75,7 +76,7 @@ pub(crate) struct SimulateArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = DRIVER)]
 pub(crate) struct PlannerArgs {
-    /// Seconds that a planner of --ego 'cmd:COMMAND' has to answer: START,RESET,STEP for its first message, for that of
+    /// Seconds that a planner that is a program has to answer: START,RESET,STEP for its first message, for that of
     /// a drive and for that of a step, or one number for all (default: 60,20,5).
     #[arg(long, value_name = "TIMES", value_parser = timeouts, allow_hyphen_values = true)]
     pub ego_timeout: Option<Timeouts>,

@@ -87,8 +87,8 @@ Examples:
 pub(crate) struct TestArgs {
     /// Folder of a suite.
     pub suite: PathBuf,
-    /// Driver under test: a policy by its name in `sage list`; path:FILE, a drive of your own planner; or 'cmd:COMMAND',
-    /// your own planner as a program.
+    /// Driver under test: a policy by its name in `sage list`; path:FILE, a drive of your own planner; or your own
+    /// planner: 'cmd:COMMAND', a program, or py:MODULE:CLASS, a class of Python.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY")]
     pub ego: PolicyPart,
     #[command(flatten)]

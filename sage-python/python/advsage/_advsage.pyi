@@ -1,7 +1,7 @@
 """Types of the compiled module. Docstrings are in the module itself: `help(advsage.Generator)`."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Literal, TypeAlias, final, overload
 
 from typing_extensions import Self
@@ -15,6 +15,8 @@ __version__: str
 
 _Path: TypeAlias = str | os.PathLike[str]
 _Floats: TypeAlias = NDArray[np.float64]
+_Floats32: TypeAlias = NDArray[np.float32]
+_Flags: TypeAlias = NDArray[np.bool_]
 
 @final
 class Scene:
@@ -197,6 +199,33 @@ class Episodes:
 class Searched:
     def __iter__(self) -> Self: ...
     def __next__(self) -> tuple[Scene, dict[str, Any], list[dict[str, Any]]]: ...
+
+@final
+class Environments:
+    def __new__(
+        cls,
+        scenes: Iterator[Scene | _Path],
+        rules: dict[str, Any],
+        *,
+        count: int,
+        auto_reset: str,
+        sequence: tuple[int, int] | None,
+        adversary: dict[str, Any] | None,
+        share: bool,
+        threads: int,
+        in_memory: int,
+        first: int,
+    ) -> Self: ...
+    def scene_names(self) -> list[str]: ...
+    def reset(self, resets: list[tuple[int, int | None, int | None]]) -> tuple[_Floats32, dict[str, Any]]: ...
+    def reset_one(self, seed: int | None, scene: int | None) -> tuple[_Floats32, dict[str, Any]]: ...
+    def step(self, actions: _Floats32) -> tuple[_Floats32, _Floats, _Flags, _Flags, dict[str, Any]]: ...
+    def step_one(self, action: _Floats32) -> tuple[_Floats32, float, bool, bool, dict[str, Any]]: ...
+    def roll_out(self, actions: _Floats32) -> tuple[_Floats32, _Floats, _Flags, _Flags, dict[str, Any]]: ...
+    def need_reset(self) -> list[int]: ...
+    def take_notes(self) -> list[tuple[str, str]]: ...
+    def picture(self, number: int) -> dict[str, Any] | None: ...
+    def picture_map(self, number: int) -> tuple[str, list[tuple[str, _Floats]]] | None: ...
 
 @final
 class ToldScene:

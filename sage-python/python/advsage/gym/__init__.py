@@ -10,10 +10,12 @@
 environments in one call. `advsage.gym.sb3` is the way to Stable-Baselines3. Needs `pip install "advsage[gym]"`.
 """
 
-try:
-    import gymnasium
-except ImportError as error:
-    raise ImportError('advsage.gym needs Gymnasium: pip install "advsage[gym]"') from error
+import importlib.util
+
+if importlib.util.find_spec("gymnasium") is None:
+    raise ImportError('advsage.gym needs Gymnasium: pip install "advsage[gym]"')
+
+import gymnasium
 
 from ._config import DEFAULTS, Config
 from ._environment import ScenarioEnv

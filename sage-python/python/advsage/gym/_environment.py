@@ -18,7 +18,7 @@ LENGTH = 101
 Observation = np.ndarray[Any, np.dtype[np.float32]]
 
 
-def spaces() -> tuple[Box, Box]:
+def spaces() -> tuple[Any, Any]:
     """The spaces of observations and actions."""
     return Box(0.0, 1.0, (LENGTH,), np.float32), Box(-1.0, 1.0, (2,), np.float32)
 
@@ -84,7 +84,7 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
             raise OptionError(f"the action has the shape {action.shape}; expected steer and throttle, (2,)")
         return self._environments.step_one(action)
 
-    def render(self) -> np.ndarray[Any, np.dtype[np.uint8]] | None:  # type: ignore[override]
+    def render(self) -> np.ndarray[Any, np.dtype[np.uint8]] | None:  # type: ignore[override, unused-ignore]
         """A picture from above, the ego in its middle and heading up: array (480, 480, 3). None without `render_mode`."""
         if self.render_mode is None:
             return None

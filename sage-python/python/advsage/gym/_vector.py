@@ -64,7 +64,7 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
         self._seeded = False
         self._pictures = [_picture.Picture() for _ in range(num_envs)]
 
-    def reset(  # type: ignore[override]
+    def reset(  # type: ignore[override, unused-ignore]
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
         """Begins an episode in every environment, or in those of `options={"reset_mask": ...}`.

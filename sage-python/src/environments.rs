@@ -178,11 +178,6 @@ impl PyEnvironments {
         Ok((observation, out.rewards[0], out.terminated[0], out.truncated[0], info))
     }
 
-    /// Numbers of the environments that must be reset before their next step.
-    fn need_reset(&self) -> PyResult<Vec<usize>> {
-        Ok(self.lock()?.batch.need_reset())
-    }
-
     /// What was noted since the last call: name of the scene, and the problem.
     fn take_notes(&self) -> PyResult<Vec<(String, String)>> {
         let names = |scene: usize| self.scenes.name(scene);

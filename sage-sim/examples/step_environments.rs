@@ -3,6 +3,8 @@
 //! `step_environments FILE...` steps one environment a scene in lockstep, then one after another, then a single one through all
 //! scenes, each 20 000 steps, and prints a line of JSON: steps per second of CPU time, and the sums of the rewards.
 
+#![allow(clippy::print_stdout)] // The program prints its result.
+
 use std::{error::Error, path::Path, sync::Arc, time::Instant};
 
 use sage_core::scene::SceneIndex;

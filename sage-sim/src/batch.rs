@@ -11,7 +11,7 @@ mod slot;
 use rayon::prelude::*;
 
 use self::{experience::Experience, slot::Slot};
-use crate::{Error, environment::Environment, observation::LENGTH};
+use crate::{Error, environment::Environment};
 
 pub use recent::Recent;
 pub use setting::{Adversary, SceneOrder, SceneSource, Setting};
@@ -81,28 +81,14 @@ pub struct BatchOutput {
 }
 
 impl BatchOutput {
-    fn resize(&mut self, rows: usize) {
-        self.observations.resize(rows * LENGTH, 0.0);
-        self.rewards.resize(rows, 0.0);
-        self.terminated.resize(rows, false);
-        self.truncated.resize(rows, false);
-        self.rows.resize(rows, Row::default());
-        self.last.clear();
-    }
-
-    fn write(&mut self, rows: impl Iterator<Item = (Row, Option<Last>)>) {
-        let count = self.rows.len();
-        for (k, (row, last)) in rows.enumerate() {
-            let outcome = last.as_ref().map_or(row.outcome, |last| last.row.outcome);
-            self.rewards[k] = outcome.reward;
-            self.terminated[k] = outcome.terminated;
-            self.truncated[k] = outcome.truncated;
-            self.rows[k] = row;
-            if let Some(last) = last {
-                self.last.resize_with(count, || None);
-                self.last[k] = Some(last);
-            }
-        }
+    fn clear(&mut self) {
+        let Self { observations, rewards, terminated, truncated, rows, last } = self;
+        observations.clear();
+        rewards.clear();
+        terminated.clear();
+        truncated.clear();
+        rows.clear();
+        last.clear();
     }
 }
 
@@ -175,30 +161,22 @@ impl Batch {
                 "environment {number}{scene} cannot be reset; there are {count} environments and {scenes} scenes, numbered from 0"
             )));
         }
-        let mut wanted: Vec<Option<Reset>> = vec![None; count];
-        for reset in resets {
-            wanted[reset.number] = Some(*reset);
+        for slot in &mut self.slots {
+            slot.give(resets.iter().find(|reset| reset.number == slot.number()).copied(), &[]);
         }
-        if let Some(shared) = &mut self.shared
-            && wanted.iter().all(|reset| reset.is_some_and(|reset| reset.seed.is_some()))
-        {
+        let is_seeded = |slot: &Slot| slot.reset.is_some_and(|reset| reset.seed.is_some());
+        if let Some(shared) = self.shared.as_mut().filter(|_| self.slots.iter().all(is_seeded)) {
             *shared = Experience::default();
         }
-        out.resize(count);
-        let Self { setting, options, slots, shared } = self;
-        let items = slots.iter_mut().zip(wanted).zip(out.observations.as_chunks_mut::<LENGTH>().0);
-        let rows = each(options.parallel, items, |((slot, reset), observation)| {
+        self.each(&|slot, setting, shared| {
             slot.last = None;
-            if let Some(Reset { seed, scene, .. }) = reset {
-                if let Some(seed) = seed {
-                    slot.seed(seed);
-                }
-                slot.begin(setting, shared.as_ref(), scene)?;
+            if let Some(reset) = slot.reset.take() {
+                slot.begin_anew(&reset, setting, shared)?;
             }
-            slot.observe(observation);
-            Ok((slot.row(), None))
+            slot.write();
+            Ok(())
         })?;
-        out.write(rows.into_iter());
+        self.collect(out);
         Ok(())
     }
 
@@ -207,37 +185,22 @@ impl Batch {
     /// *Errors*: before any step [`Error::Batch`] for another number of actions, an action that is not finite, and an
     /// environment that must be reset; the first environment that fails, as [`Environment::step`]; no further scene can be used.
     pub fn step(&mut self, actions: &[[f32; 2]], out: &mut BatchOutput) -> Result<(), Error> {
-        self.check(actions, 1)?;
-        out.resize(self.len());
-        let Self { setting, options, slots, shared } = self;
-        let auto = options.auto_reset;
-        let Some(shared) = shared else {
-            let items = slots.iter_mut().zip(actions).zip(out.observations.as_chunks_mut::<LENGTH>().0);
-            let rows = each(options.parallel, items, |((slot, action), observation)| {
-                slot.step_alone(setting, *action, auto, observation)
-            })?;
-            out.write(rows.into_iter());
-            return Ok(());
-        };
-        // What is shared changes between the steps of all and the beginnings of all, in the order of the environments.
-        let drove = each(options.parallel, slots.iter_mut().zip(actions), |(slot, action)| {
-            slot.drive(setting, *action, auto)
-        })?;
-        for (slot, drove) in slots.iter_mut().zip(drove) {
-            if drove {
-                shared.count_step();
-            }
-            if let Some(lesson) = slot.lesson.take() {
-                shared.learn(lesson);
-            }
+        self.give(actions, 1)?;
+        let auto = self.options.auto_reset;
+        if self.shared.is_none() {
+            return self.step_alone(out);
         }
-        let items = slots.iter_mut().zip(out.observations.as_chunks_mut::<LENGTH>().0);
-        let rows = each(options.parallel, items, |(slot, observation)| {
-            slot.turn(setting, Some(shared), auto)?;
-            slot.observe(observation);
-            Ok((slot.row(), slot.last.take()))
+        // What is shared changes between the steps of all and the beginnings of all, in the order of the environments.
+        self.each(&|slot, setting, _| slot.drive(slot.actions[0], setting, auto))?;
+        if let Some(shared) = &mut self.shared {
+            self.slots.iter_mut().for_each(|slot| slot.teach(Some(shared)));
+        }
+        self.each(&|slot, setting, shared| {
+            slot.turn(setting, shared, auto)?;
+            slot.write();
+            Ok(())
         })?;
-        out.write(rows.into_iter());
+        self.collect(out);
         Ok(())
     }
 
@@ -259,18 +222,68 @@ impl Batch {
                     .to_owned(),
             ));
         }
-        self.check(actions, steps)?;
-        out.resize(actions.len());
-        let Self { setting, options, slots, .. } = self;
-        let auto = options.auto_reset;
-        let rows = out.observations.chunks_mut((steps * LENGTH).max(1));
-        let items = slots.iter_mut().zip(actions.chunks(steps.max(1))).zip(rows);
-        let rows = each(options.parallel, items, |((slot, actions), observations)| {
-            let steps = actions.iter().zip(observations.as_chunks_mut::<LENGTH>().0);
-            let rows = steps.map(|(action, seen)| slot.step_alone(setting, *action, auto, seen));
-            rows.collect::<Result<Vec<_>, Error>>()
+        self.give(actions, steps)?;
+        self.step_alone(out)
+    }
+
+    /// Steps every environment through its actions, without anything shared.
+    fn step_alone(&mut self, out: &mut BatchOutput) -> Result<(), Error> {
+        let auto = self.options.auto_reset;
+        self.each(&|slot, setting, _| {
+            for k in 0..slot.actions.len() {
+                slot.drive(slot.actions[k], setting, auto)?;
+                slot.teach(None);
+                slot.turn(setting, None, auto)?;
+                slot.write();
+            }
+            Ok(())
         })?;
-        out.write(rows.into_iter().flatten());
+        self.collect(out);
+        Ok(())
+    }
+
+    /// Works on each environment, in the caller's thread pool or one after another.
+    ///
+    /// *Errors*: the first one, after all environments were worked on.
+    fn each(&mut self, work: &Work) -> Result<(), Error> {
+        let Self { setting, options, slots, shared } = self;
+        let work = |slot: &mut Slot| work(slot, setting, shared.as_ref());
+        let results: Vec<Result<(), Error>> = if options.parallel {
+            // Steps differ in cost by a factor of ten; whole halves of the batch would be uneven.
+            slots.par_iter_mut().with_max_len(1).map(work).collect()
+        } else {
+            slots.iter_mut().map(work).collect()
+        };
+        results.into_iter().collect()
+    }
+
+    /// Moves what the environments wrote to the output.
+    fn collect(&mut self, out: &mut BatchOutput) {
+        out.clear();
+        let count = self.slots.iter().map(|slot| slot.written.rows.len()).sum();
+        for slot in &mut self.slots {
+            out.observations.extend_from_slice(&slot.written.observations);
+            slot.written.observations.clear();
+            for (row, last) in slot.written.rows.drain(..) {
+                let outcome = last.as_ref().map_or(row.outcome, |last| last.row.outcome);
+                if let Some(last) = last {
+                    out.last.resize_with(count, || None);
+                    out.last[out.rows.len()] = Some(last);
+                }
+                out.rewards.push(outcome.reward);
+                out.terminated.push(outcome.terminated);
+                out.truncated.push(outcome.truncated);
+                out.rows.push(row);
+            }
+        }
+    }
+
+    /// Gives the environments their actions, unless something is wrong with one of them.
+    fn give(&mut self, actions: &[[f32; 2]], steps: usize) -> Result<(), Error> {
+        self.check(actions, steps)?;
+        for (slot, actions) in self.slots.iter_mut().zip(actions.chunks(steps.max(1))) {
+            slot.give(None, actions);
+        }
         Ok(())
     }
 
@@ -303,22 +316,8 @@ impl Batch {
     }
 }
 
-/// Works on each item, in the caller's thread pool or one after another. The results are in their order.
-///
-/// *Errors*: the first one, after all items were worked on.
-fn each<T: Send, R: Send>(
-    parallel: bool,
-    items: impl Iterator<Item = T>,
-    work: impl Fn(T) -> Result<R, Error> + Sync + Send,
-) -> Result<Vec<R>, Error> {
-    let results: Vec<Result<R, Error>> = if parallel {
-        // Steps differ in cost by a factor of ten; whole halves of the batch would be uneven.
-        items.collect::<Vec<_>>().into_par_iter().with_max_len(1).map(work).collect()
-    } else {
-        items.map(work).collect()
-    };
-    results.into_iter().collect()
-}
+/// Work on an environment, with what it shares with the others.
+type Work<'w> = dyn Fn(&mut Slot, &Setting, Option<&Experience>) -> Result<(), Error> + Sync + 'w;
 
 fn refused(problem: String) -> Error {
     Error::Batch { problem }

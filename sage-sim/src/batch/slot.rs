@@ -4,7 +4,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use sage_core::seed::Rng;
 
-use super::{AutoReset, Experience, SceneOrder, Setting, experience::Lesson};
+use super::{AutoReset, Experience, Reset, SceneOrder, Setting, experience::Lesson};
 use crate::{
     Error,
     environment::{Environment, Outcome},
@@ -98,13 +98,27 @@ pub(super) struct Slot {
     arrivals: usize,
     completions: f64,
     /// What the adversary knows of this environment alone.
-    pub(super) experience: Experience,
+    experience: Experience,
     /// What the episode that ended in this step teaches.
-    pub(super) lesson: Option<Lesson>,
+    lesson: Option<Lesson>,
     /// How the episode ended that this step replaced.
     pub(super) last: Option<Last>,
     pub(super) notes: Vec<Note>,
+    /// Whether this step begins an episode, and whether it drove.
     begins: bool,
+    drove: bool,
+    /// What it is to do.
+    pub(super) reset: Option<Reset>,
+    pub(super) actions: Vec<[f32; 2]>,
+    /// What came of it.
+    pub(super) written: Written,
+}
+
+/// Observations and rows, one for each step.
+#[derive(Default)]
+pub(super) struct Written {
+    pub(super) observations: Vec<f32>,
+    pub(super) rows: Vec<(Row, Option<Last>)>,
 }
 
 impl Slot {
@@ -124,6 +138,10 @@ impl Slot {
             last: None,
             notes: Vec::new(),
             begins: false,
+            drove: false,
+            reset: None,
+            actions: Vec::new(),
+            written: Written::default(),
         }
     }
 
@@ -135,50 +153,71 @@ impl Slot {
         self.number
     }
 
-    /// Starts anew: nothing of what was before matters.
-    pub(super) fn seed(&mut self, seed: u64) {
-        *self = Self { seed, ..Self::new(self.number, self.training_steps) };
-    }
-
     /// Whether it must be reset before its next step.
     pub(super) fn needs_reset(&self) -> bool {
         self.environment().is_none_or(Environment::is_over)
     }
 
-    /// Steps without anything shared.
-    ///
-    /// *Errors*: as [`Slot::drive`] and [`Slot::begin`].
-    pub(super) fn step_alone(
-        &mut self,
-        setting: &Setting,
-        action: [f32; 2],
-        auto: AutoReset,
-        observation: &mut [f32; LENGTH],
-    ) -> Result<(Row, Option<Last>), Error> {
-        if self.drive(setting, action, auto)? {
-            self.experience.count_step();
-        }
-        if let Some(lesson) = self.lesson.take() {
-            self.experience.learn(lesson);
-        }
-        self.turn(setting, None, auto)?;
-        self.observe(observation);
-        Ok((self.row(), self.last.take()))
+    /// Gives it what it is to do.
+    pub(super) fn give(&mut self, reset: Option<Reset>, actions: &[[f32; 2]]) {
+        self.reset = reset;
+        self.actions.clear();
+        self.actions.extend_from_slice(actions);
+        // Of work that failed something may be left.
+        self.written.observations.clear();
+        self.written.rows.clear();
     }
 
-    /// Steps, unless the step is the one that begins the next episode. Returns whether it stepped.
+    /// Writes observation and row after what was done.
+    pub(super) fn write(&mut self) {
+        let mut observation = [0.0; LENGTH];
+        self.observe(&mut observation);
+        self.written.observations.extend_from_slice(&observation);
+        let row = self.row();
+        self.written.rows.push((row, self.last.take()));
+    }
+
+    /// Lets the adversary learn from the last step: the one of all environments, or that of this one alone.
+    pub(super) fn teach(&mut self, shared: Option<&mut Experience>) {
+        let experience = shared.unwrap_or(&mut self.experience);
+        if self.drove {
+            experience.count_step();
+        }
+        if let Some(lesson) = self.lesson.take() {
+            experience.learn(lesson);
+        }
+    }
+
+    /// Begins an episode as a user asks for it.
+    ///
+    /// *Errors*: as [`Slot::begin`].
+    pub(super) fn begin_anew(
+        &mut self,
+        reset: &Reset,
+        setting: &Setting,
+        experience: Option<&Experience>,
+    ) -> Result<(), Error> {
+        if let Some(seed) = reset.seed {
+            // Nothing of what was before matters.
+            *self = Self { seed, ..Self::new(self.number, self.training_steps) };
+        }
+        self.begin(setting, experience, reset.scene)
+    }
+
+    /// Steps, unless the step is the one that begins the next episode.
     ///
     /// *Errors*: as [`Environment::step`].
     pub(super) fn drive(
         &mut self,
-        setting: &Setting,
         action: [f32; 2],
+        setting: &Setting,
         auto: AutoReset,
-    ) -> Result<bool, Error> {
+    ) -> Result<(), Error> {
         self.begins = auto == AutoReset::NextStep && self.needs_reset();
         self.last = None;
+        self.drove = !self.begins;
         if self.begins {
-            return Ok(false);
+            return Ok(());
         }
         let Some(episode) = &mut self.episode else { return Err(never_reset(self.number)) };
         let [steer, throttle] = action.map(f64::from);
@@ -195,7 +234,7 @@ impl Slot {
             });
             self.begins = auto == AutoReset::SameStep;
         }
-        Ok(true)
+        Ok(())
     }
 
     /// Begins the next episode if this step is to; then the end of the one before is in `last`.
@@ -223,7 +262,7 @@ impl Slot {
     /// that of this environment.
     ///
     /// *Errors*: the scene cannot be used; a hundred scenes in a row cannot.
-    pub(super) fn begin(
+    fn begin(
         &mut self,
         setting: &Setting,
         experience: Option<&Experience>,
@@ -307,7 +346,7 @@ impl Slot {
     }
 
     /// Writes the observation; zeros before the first reset.
-    pub(super) fn observe(&self, out: &mut [f32; LENGTH]) {
+    fn observe(&self, out: &mut [f32; LENGTH]) {
         match self.environment() {
             Some(environment) => environment.observe(out),
             None => *out = [0.0; LENGTH],
@@ -315,7 +354,7 @@ impl Slot {
     }
 
     /// What is known after the last step or reset.
-    pub(super) fn row(&self) -> Row {
+    fn row(&self) -> Row {
         let Some(episode) = &self.episode else { return Row::default() };
         let environment = &episode.environment;
         let world = environment.world();

@@ -200,7 +200,9 @@ def scenes_of(config: dict[str, Any]) -> list[Any]:
         all_scenes = list(_procedural())
     elif isinstance(given, _advsage.Scenes):
         all_scenes = list(given.paths)
-    elif isinstance(given, (_advsage.Scene, str, os.PathLike)):
+    elif isinstance(given, (str, os.PathLike)):
+        all_scenes = list(_advsage.load_folder(given).paths)
+    elif isinstance(given, _advsage.Scene):
         all_scenes = [given]
     else:
         all_scenes = list(given)

@@ -59,7 +59,7 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
         if seed is None and not self._seeded:
             seed = int(self.np_random.integers(2**63))
         self._seeded = True
-        seed = None if seed is None else int(seed) % 2**64
+        seed = None if seed is None else seed_of(seed)
         observation, info = self._environments.reset_one(seed, wanted)
         warn_of(self._environments)
         return observation, info
@@ -110,6 +110,13 @@ def environments(
         in_memory=config["scenes_in_memory"],
         first=config["start_scenario_index"],
     )
+
+
+def seed_of(seed: Any) -> int:
+    """A seed as the simulation takes it, from any whole number that Gymnasium takes."""
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise OptionError(f"seed is {seed!r}; expected a whole number, at least 0")
+    return int(seed) % 2**64
 
 
 def options_of(options: dict[str, Any] | None, known: list[str]) -> dict[str, Any]:

@@ -55,8 +55,9 @@ class Picture:
         # The ego is on top.
         for kind, box in reversed(list(zip(shown["kinds"], corners, strict=True))):
             canvas.polygon([tuple(corner) for corner in box], fill=BOXES[kind])
-            front = [tuple(box[0]), tuple(box[3])]
-            canvas.line(front, fill=(255, 255, 255), width=OVERSAMPLED)
+            # A windscreen shows where the front is.
+            screen = [tuple(0.75 * box[front] + 0.25 * box[rear]) for front, rear in [(0, 1), (3, 2)]]
+            canvas.line(screen, fill=(255, 255, 255), width=2 * OVERSAMPLED)
         canvas.text((12, 10), f"{shown['time']:.1f} s", fill=(60, 60, 60), font_size=14 * OVERSAMPLED)
         return np.asarray(image.resize((SIDE, SIDE), Image.Resampling.BOX))
 

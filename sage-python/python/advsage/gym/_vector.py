@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 
 from ..errors import OptionError
 from . import _config, _picture
-from ._environment import ScenarioEnv, environments, number_of, numbers_of, options_of, scene_of_seed, spaces, warn_of
+from ._environment import ScenarioEnv, environments, number_of, numbers_of, options_of, scene_of_seed, seed_of, spaces, warn_of
 
 Array = np.ndarray[Any, np.dtype[Any]]
 Stepped = tuple[Array, Array, Array, Array, dict[str, Any]]
@@ -77,7 +77,7 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
         seeds = self._seeds(seed)
         scenes = self._scenarios(options.get("scenario"), seeds)
         resets = [
-            (k, None if seeds[k] is None else int(seeds[k]) % 2**64, scenes[k])
+            (k, None if seeds[k] is None else seed_of(seeds[k]), scenes[k])
             for k in range(self.num_envs)
             if mask[k]
         ]

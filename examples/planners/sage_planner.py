@@ -276,13 +276,17 @@ class Observation:
         return min(max(angle / car.max_steering_angle, -1.0), 1.0)
 
 
-def from_gym(model):
+def from_gym(model, normalize=None):
     """A planner from a policy of Gymnasium or Stable-Baselines3 that was trained on MetaDrive's observation: `predict` gets
-    the 101 numbers and returns steer and throttle. Serve it with `observation=True`."""
+    the 101 numbers and returns steer and throttle. `normalize` is the `VecNormalize` that it was trained behind, if it was; that
+    of a model which still has its environment is known. Serve it with `observation=True`."""
+    if normalize is None and hasattr(model, "get_vec_normalize_env"):
+        normalize = model.get_vec_normalize_env()
 
     class Gym:
         def act(self, obs):
-            action = model.predict(obs.vector(), deterministic=True)
+            seen = obs.vector() if normalize is None else normalize.normalize_obs(obs.vector())
+            action = model.predict(seen, deterministic=True)
             return action[0] if isinstance(action, tuple) else action
 
     return Gym()

@@ -190,7 +190,9 @@ impl FromStr for PolicyPart {
             return Ok(Self(Part { name: PROCESS.to_owned(), options }));
         }
         if let Some(class) = text.trim().strip_prefix(CLASS) {
-            if !class.contains(':') || class.contains(char::is_whitespace) {
+            let is_named =
+                class.rsplit_once(':').is_some_and(|(module, class)| !module.is_empty() && !class.is_empty());
+            if !is_named || class.contains(char::is_whitespace) {
                 return Err(format!("`{text}` names no class; write py:package.module:Class"));
             }
             let words: Vec<&str> = SERVE.into_iter().chain([class]).collect();
@@ -290,7 +292,9 @@ mod tests {
         let class: PolicyParts = "py:package.module:Class,idm".parse().unwrap();
         assert_eq!(class.0[0].command().unwrap().join(" "), "python3 -m advsage.serve package.module:Class");
         assert_eq!((class.0[0].to_string(), class.0.len()), ("py:package.module:Class".to_owned(), 2));
-        assert!("py:module".parse::<PolicyPart>().unwrap_err().contains("names no class"));
+        for wrong in ["py:module", "py::Class", "py:module:", "py:a module:Class"] {
+            assert!(wrong.parse::<PolicyPart>().unwrap_err().contains("names no class"));
+        }
         let PolicyParts(one) = "cmd:a, b".parse().unwrap();
         assert_eq!(one[0].command().unwrap(), ["a,", "b"]);
     }

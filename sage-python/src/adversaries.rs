@@ -56,7 +56,7 @@ pub(crate) fn of(described: &Bound<'_, PyDict>) -> PyResult<Described> {
     let attacks = if let Some(generator) = get("generator")? {
         let generator = generator.cast_into::<PyGenerator>().map_err(|error| {
             OptionError::new_err(format!(
-                "adversary: the generator is {}; expected a Generator",
+                "adversary: the generator is {:?}; expected a Generator",
                 error.into_inner()
             ))
         })?;
@@ -90,6 +90,14 @@ pub(crate) fn of(described: &Bound<'_, PyDict>) -> PyResult<Described> {
         let weights = get("weights")?.map(|weights| weights.extract::<String>()).transpose()?;
         Attacks::Search { ego: driver.policy, options, weights }
     };
+    if let Attacks::Generator(built) = &attacks
+        && get("curriculum")?.is_some()
+        && built.spec.points.mu.is_some()
+    {
+        return Err(OptionError::new_err(
+            "adversary: a curriculum sets λ and μ of each attack; leave mu out of the generator",
+        ));
+    }
     let curriculum = get("curriculum")?.map(|name| part(&name.extract::<String>()?)).transpose()?;
     let number =
         |key: &str, default: f64| -> PyResult<f64> { get(key)?.map_or(Ok(default), |value| value.extract()) };

@@ -50,7 +50,7 @@ impl Turn {
 }
 
 /// The only place that starts threads. Nothing keeps a pool longer than its work, so a process that forks between two calls has
-/// none.
+/// none; environments do, and know which process theirs belongs to.
 pub(crate) fn pool(threads: usize) -> PyResult<ThreadPool> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(|k| format!("advsage-{k}")).build();
     pool.map_err(|error| OptionError::new_err(format!("cannot start {threads} threads: {error}")))

@@ -22,32 +22,27 @@ const FLAGS: [(&str, Flag); 8] = [
     ("crash_object", |row| row.outcome.object_contact),
     ("crash_human", |row| row.outcome.human_contact),
     ("crash_sidewalk", |row| row.on_edge),
-    ("out_of_road", |row| row.outcome.out_of_road),
+    // MetaDrive has no other name for an episode that ends because the car drives backwards.
+    ("out_of_road", |row| row.outcome.out_of_road || row.drove_backwards),
     ("arrive_dest", |row| row.outcome.arrived),
     ("max_step", |row| row.is_at_limit),
-    ("attacked", |row| row.intensity.is_some()),
+    ("under_attack", |row| row.intensity.is_some()),
 ];
 const NUMBERS: [(&str, Number); 5] = [
     ("cost", |row| row.outcome.cost),
-    ("step_reward", |row| row.outcome.progress),
+    ("step_reward", |row| row.progress_reward),
     ("route_completion", |row| row.outcome.completion),
     ("lateral_dist", |row| row.across),
     ("distance_to_log", |row| row.outcome.distance_to_log),
 ];
-/// What is 1 in a step in which something happens, and what MetaDrive has and no scene here: of one environment alone.
-const COUNTS: [(&str, Flag); 5] = [
+/// What is 1 in a step in which something happens: of one environment alone.
+const COUNTS: [(&str, Flag); 4] = [
     ("num_crash_object", |row| row.outcome.object_contact),
     ("num_crash_human", |row| row.outcome.human_contact),
     ("num_crash_vehicle", |row| row.outcome.vehicle_contact),
     ("num_on_line", |row| row.on_line || row.on_edge),
-    ("curriculum_level", |_| false),
 ];
-const OF_METADRIVE: [(&str, Flag); 2] = [
-    ("crash_building", |_| false),
-    ("crash", |row| {
-        row.outcome.vehicle_contact || row.outcome.object_contact || row.outcome.human_contact || row.on_edge
-    }),
-];
+/// What MetaDrive has and no scene here: 0 throughout.
 const ZEROS: [&str; 4] =
     ["step_reward_lateral", "step_reward_heading", "step_reward_action_smooth", "scenario_difficulty"];
 
@@ -67,9 +62,12 @@ pub(crate) fn info<'py>(
     let flag = |key: &'static str, is: bool| dict.set_item(interned(py, key), is);
     let number = |key: &'static str, value: f64| dict.set_item(interned(py, key), value);
     let count = |key: &'static str, value: usize| dict.set_item(interned(py, key), value);
-    for (key, of) in FLAGS.into_iter().chain(OF_METADRIVE) {
+    for (key, of) in FLAGS {
         flag(key, of(row))?;
     }
+    let outcome = &row.outcome;
+    flag("crash", outcome.vehicle_contact || outcome.object_contact || outcome.human_contact || row.on_edge)?;
+    flag("crash_building", false)?;
     for (key, of) in NUMBERS {
         number(key, of(row))?;
     }
@@ -79,6 +77,7 @@ pub(crate) fn info<'py>(
     for key in ZEROS {
         number(key, 0.0)?;
     }
+    count("curriculum_level", 0)?;
     let scene = counts.first + row.scene;
     count("env_seed", scene)?;
     count("scenario_index", scene)?;
@@ -86,7 +85,8 @@ pub(crate) fn info<'py>(
     number("track_length", row.route_length)?;
     let [length, width] = row.size;
     dict.set_item(interned(py, "carsize"), [width, length])?;
-    let share = |sum: f64| sum / counts.all as f64;
+    // As MetaDrive has it: of the scenes of this environment.
+    let share = |sum: f64| sum * counts.workers as f64 / counts.all as f64;
     number("data_coverage", share(row.scenes_begun as f64))?;
     number("curriculum_success", share(row.arrivals as f64))?;
     number("curriculum_route_completion", share(row.completions))?;

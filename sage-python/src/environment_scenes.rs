@@ -27,6 +27,8 @@ pub(crate) struct Counts {
     /// Number of the first one in the infos.
     pub(crate) first: usize,
     pub(crate) all: usize,
+    /// Environments among which they are divided.
+    pub(crate) workers: usize,
     /// Scenes in memory at most.
     pub(crate) in_memory: usize,
 }
@@ -39,11 +41,16 @@ pub(crate) struct ListedScenes {
 }
 
 impl ListedScenes {
-    /// The scenes of an iterator, of which at most `in_memory` files are in memory at once. `first` is the number of the first one in
-    /// the infos.
+    /// The scenes of an iterator, of which at most `in_memory` files are in memory at once. They are divided among `workers`
+    /// environments. `first` is the number of the first one in the infos.
     ///
     /// *Errors*: something that is neither a scene nor a path.
-    pub(crate) fn new(scenes: &Bound<'_, PyIterator>, in_memory: usize, first: usize) -> PyResult<Self> {
+    pub(crate) fn new(
+        scenes: &Bound<'_, PyIterator>,
+        in_memory: usize,
+        workers: usize,
+        first: usize,
+    ) -> PyResult<Self> {
         let all = scenes.clone().map(|scene| {
             Ok(match Item::of(&scene?)? {
                 Item::Scene(_, shared) => Listed::Loaded(shared.0, Mutex::default()),
@@ -53,7 +60,7 @@ impl ListedScenes {
         let all = all.collect::<PyResult<Vec<_>>>()?;
         let files = all.iter().filter(|listed| matches!(listed, Listed::File(_))).count();
         let most = all.len() - files + files.min(in_memory);
-        let counts = Counts { first, all: all.len(), in_memory: most };
+        let counts = Counts { first, all: all.len(), workers, in_memory: most };
         Ok(Self { all, counts, read: Mutex::new(Recent::new(in_memory)) })
     }
 

@@ -101,7 +101,12 @@ impl PyEnvironments {
         in_memory: usize,
         first: usize,
     ) -> PyResult<Self> {
-        let scenes = Arc::new(ListedScenes::new(scenes, in_memory, first)?);
+        let scenes = Arc::new(ListedScenes::new(
+            scenes,
+            in_memory,
+            sequence.map_or(1, |(_, workers)| workers),
+            first,
+        )?);
         let rules = self::rules(rules)?;
         let adversary = adversary.map(adversaries::of).transpose()?;
         let auto_reset = match auto_reset {

@@ -16,7 +16,7 @@ use sage_core::{
 };
 
 pub use options::{EnvironmentOptions, Rewards};
-pub(crate) use rules::ARRIVED;
+pub(crate) use rules::{ARRIVED, BACKWARDS};
 pub use rules::{Outcome, Situation, assess};
 
 use crate::{
@@ -138,6 +138,11 @@ impl Environment {
     /// The world.
     pub fn world(&self) -> &World {
         &self.world
+    }
+
+    /// The options.
+    pub fn options(&self) -> &EnvironmentOptions {
+        &self.options
     }
 
     /// The car's coordinates on the route.

@@ -31,21 +31,6 @@ impl<K: Eq + Hash + Clone, V> Recent<K, V> {
             }
         }
     }
-
-    /// Number of entries.
-    pub fn len(&self) -> usize {
-        self.entries.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.entries.is_empty()
-    }
-
-    /// Removes all entries.
-    pub fn clear(&mut self) {
-        self.entries.clear();
-    }
 }
 
 #[cfg(test)]
@@ -59,6 +44,5 @@ mod tests {
             recent.put(key, value);
         }
         assert_eq!([recent.get(&"a"), recent.get(&"b"), recent.get(&"c")], [Some(&3), None, Some(&4)]);
-        assert_eq!(recent.len(), 2);
     }
 }

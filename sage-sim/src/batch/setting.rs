@@ -26,11 +26,6 @@ pub trait SceneSource: Send + Sync {
     ///
     /// *Errors*: it cannot be read or simulated.
     fn scene(&self, number: usize) -> Result<Arc<SimScene>, Error>;
-
-    /// Number of scenes in memory.
-    fn in_memory(&self) -> usize {
-        self.count()
-    }
 }
 
 impl SceneSource for Vec<Arc<SimScene>> {

@@ -7,7 +7,7 @@ use sage_core::seed::Rng;
 use super::{AutoReset, Experience, Reset, SceneOrder, Setting, experience::Lesson};
 use crate::{
     Error,
-    environment::{Environment, Outcome},
+    environment::{BACKWARDS, Environment, Outcome},
     observation::LENGTH,
     rl::success,
     traffic::Plan,
@@ -24,6 +24,10 @@ const MOST_NOTES: usize = 100;
 pub struct Row {
     /// The step; after a reset all but the completion is 0.
     pub outcome: Outcome,
+    /// Reward of the progress in the step, before it is replaced.
+    pub progress_reward: f64,
+    /// Whether the episode ended because the car drove backwards.
+    pub drove_backwards: bool,
     /// Number of the scene.
     pub scene: usize,
     /// Steps of the episode so far.
@@ -46,9 +50,9 @@ pub struct Row {
     pub intensity: Option<f64>,
     /// Scenes in which an episode of this environment began.
     pub scenes_begun: usize,
-    /// Sum over these scenes of whether the last episode that ended arrived.
+    /// Sum over these scenes of whether the last episode arrived.
     pub arrivals: usize,
-    /// Sum over these scenes of the completion of the last episode that ended.
+    /// Sum over these scenes of the completion of the last episode.
     pub completions: f64,
 }
 
@@ -93,7 +97,7 @@ pub(super) struct Slot {
     /// Place in the sequence of scenes.
     place: u64,
     episode: Option<Episode>,
-    /// Whether the last episode of each scene arrived, and its completion; 0 before its end.
+    /// Whether the last episode in each scene has arrived, and its completion.
     results: HashMap<usize, (bool, f64)>,
     arrivals: usize,
     completions: f64,
@@ -223,11 +227,11 @@ impl Slot {
         let [steer, throttle] = action.map(f64::from);
         let outcome = episode.environment.step(Action { steer, throttle })?;
         episode.count(outcome, setting);
+        let result = (outcome.arrived, outcome.completion);
+        let (arrived, completion) = self.results.insert(episode.scene, result).unwrap_or_default();
+        self.arrivals = self.arrivals + usize::from(result.0) - usize::from(arrived);
+        self.completions += result.1 - completion;
         if episode.environment.is_over() {
-            let result = (outcome.arrived, outcome.completion);
-            let (arrived, completion) = self.results.insert(episode.scene, result).unwrap_or_default();
-            self.arrivals = self.arrivals + usize::from(result.0) - usize::from(arrived);
-            self.completions += result.1 - completion;
             self.lesson = setting.adversary.as_ref().map(|adversary| {
                 let counts = adversary.curriculum.uses_success();
                 episode.lesson(if counts { episode.success() } else { None })
@@ -359,8 +363,12 @@ impl Slot {
         let environment = &episode.environment;
         let world = environment.world();
         let (facts, scene) = (world.facts(), world.scene());
+        let outcome = episode.outcome;
+        let is_failed = outcome.terminated && !outcome.arrived && !outcome.out_of_road;
         Row {
-            outcome: episode.outcome,
+            outcome,
+            progress_reward: environment.options().rewards.progress * outcome.progress,
+            drove_backwards: is_failed && outcome.completion < BACKWARDS,
             scene: episode.scene,
             steps: world.step_count(),
             episode_return: episode.episode_return,

@@ -10,7 +10,7 @@ const SHORTEST_ROUTE: f64 = 1.0;
 /// Distance across the route at which the car is off the road, metres.
 const FARTHEST: f64 = 10.0;
 /// Completion below which the episode ends: the car drove backwards.
-const BACKWARDS: f64 = -0.1;
+pub(crate) const BACKWARDS: f64 = -0.1;
 
 /// What happened in a step.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from .. import _advsage
-from ..errors import OptionError, UnknownName
+from ..errors import MissingFile, OptionError, UnknownName
 
 #: A configuration: a dictionary with some of the keys of `DEFAULTS`.
 Config = Mapping[str, Any]
@@ -22,7 +22,7 @@ DEFAULTS: dict[str, Any] = {
     "start_scenario_index": 0,
     "num_scenarios": None,  # None: all from the first one
     "sequential_seed": False,  # one scene after another; False: drawn
-    "worker_index": 0,  # with `sequential_seed` worker k of n takes every n-th scene
+    "worker_index": 0,  # worker k of n takes every n-th scene, with `sequential_seed`
     "num_workers": 1,
     "scenes_in_memory": 256,  # scenes of files that are kept
     # Rules.
@@ -47,6 +47,13 @@ DEFAULTS: dict[str, Any] = {
     "threads": 1,
 }
 
+#: What the presets set otherwise.
+PRESETS: dict[Any, dict[str, Any]] = {
+    "training": {},
+    "default": {"no_static_vehicles": False},
+    "metadrive": {"horizon": 251, "truncate_as_terminate": True},
+}
+
 #: Keys of an adversary with their defaults. One of the first three attacks.
 ADVERSARY: dict[str, Any] = {
     "generator": None,  # a `Generator`, at its λ
@@ -54,7 +61,7 @@ ADVERSARY: dict[str, Any] = {
     "plans": None,  # what `sage.search` found, or a dictionary of positions (n, 80, 2) by id of the scene
     "probability": 1.0,  # share of episodes with an attack
     "curriculum": None,  # of the generator's λ and the share of attacks: "paper", "release", "constant" or "adaptive"
-    "total_steps": None,  # steps of all environments in the training, at which a curriculum ends
+    "total_steps": None,  # steps at which a curriculum ends: of this environment, or of all in a vector environment
     "against": "recording",  # what a generator plans against: "recording", or "drives": the newest drive in the scene
     "shared": True,  # whether the environments of a vector environment share drives and progress
     "budget": 16,  # of the search: drives in each scene
@@ -131,13 +138,10 @@ def checked(config: Config | None) -> dict[str, Any]:
                 raise OptionError(f"config: {key} is {value!r}; here it can only be {FIXED[key]!r}")
     _refuse_unknown("config", given, [*DEFAULTS, *FIXED, "vehicle_config"])
     preset = given.get("preset", DEFAULTS["preset"])
-    if preset not in ("training", "default", "metadrive"):
-        raise UnknownName(f"config: unknown preset {preset!r}; known: training, default, metadrive")
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise UnknownName(f"config: unknown preset {preset!r}; known: {', '.join(PRESETS)}")
     _check_values(given)
-    merged = {**DEFAULTS, **given}
-    # Of a preset other than that of the defaults, rules that are not given are left to it.
-    merged["rules"] = [key for key in RULES if key in given]
-    return merged
+    return {**DEFAULTS, **PRESETS[preset], **given}
 
 
 def _check_sensors(given: Any) -> None:
@@ -147,6 +151,8 @@ def _check_sensors(given: Any) -> None:
         raise OptionError(f"config: vehicle_config is {given!r}; expected a dictionary")
     _refuse_unknown("config: vehicle_config", given, SENSORS)
     for sensor, settings in given.items():
+        if not isinstance(settings, Mapping):
+            raise OptionError(f"config: vehicle_config: {sensor} is {settings!r}; expected a dictionary")
         _refuse_unknown(f"config: vehicle_config: {sensor}", settings, SENSORS[sensor])
         for key, value in settings.items():
             if value != SENSORS[sensor][key]:
@@ -159,7 +165,7 @@ def _refuse_unknown(what: str, given: Mapping[str, Any], known: Iterable[str]) -
     known = list(known)
     for key in given:
         if key not in known:
-            near = difflib.get_close_matches(str(key), known, 1, cutoff=0.5)
+            near = difflib.get_close_matches(str(key), known, 1, cutoff=0.7)
             hint = f"the nearest is {near[0]!r}" if near else f"known: {', '.join(known)}"
             raise UnknownName(f"{what}: unknown key {key!r}; {hint}")
 
@@ -175,20 +181,26 @@ def _check_values(given: Mapping[str, Any]) -> None:
                 raise OptionError(f"config: {key} is {value!r}; expected a finite number")
         elif isinstance(default, int) or (key == "num_scenarios" and value is not None):
             least = 0 if key in ("start_scenario_index", "worker_index") else 1
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            if not _is_count(value, least):
                 raise OptionError(f"config: {key} is {value!r}; expected a whole number, at least {least}")
     horizon = given.get("horizon")
     if horizon is not None and horizon != "recording":
-        if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:
+        if not _is_count(horizon, 1):
             raise OptionError(f'config: horizon is {horizon!r}; expected a number of steps, None or "recording"')
     if given.get("data_directory") is not None and given.get("scenes") is not None:
         raise OptionError("config: data_directory and scenes exclude each other; give one of them")
     if given.get("threads", 1) > 1024:
         raise OptionError(f"config: threads is {given['threads']}; expected 1 to 1024")
+    if given.get("num_workers", 1) > 1 and not given.get("sequential_seed", False):
+        raise OptionError("config: num_workers divides scenes that come one after another; set sequential_seed to True")
     if given.get("worker_index", 0) >= given.get("num_workers", 1):
         raise OptionError(
             f"config: worker_index is {given.get('worker_index')}; it is below num_workers, {given.get('num_workers', 1)}"
         )
+
+
+def _is_count(value: Any, least: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value < 2**53
 
 
 def scenes_of(config: dict[str, Any]) -> list[Any]:
@@ -206,6 +218,10 @@ def scenes_of(config: dict[str, Any]) -> list[Any]:
         all_scenes = [given]
     else:
         all_scenes = list(given)
+    for path in all_scenes:
+        # A record of a TFRecord file is FILE#3.
+        if isinstance(path, (str, os.PathLike)) and not os.path.exists(str(path).split("#")[0]):
+            raise MissingFile(2, "No such file or directory", str(path))
     first, count = config["start_scenario_index"], config["num_scenarios"]
     last = len(all_scenes) if count is None else first + count
     if first >= len(all_scenes) or last > len(all_scenes):
@@ -225,11 +241,8 @@ def _procedural() -> Iterable[_advsage.Scene]:
 
 
 def rules_of(config: dict[str, Any]) -> dict[str, Any]:
-    """The rules of the simulation: a preset, and what differs from it."""
-    rules = {key: config[key] for key in config["rules"]}
-    if config["preset"] != "metadrive":
-        rules["horizon"] = config["horizon"]
-    return {"preset": config["preset"], **rules}
+    """The rules of the simulation: a preset, and what may differ from it."""
+    return {key: config[key] for key in ("preset", *RULES)}
 
 
 def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
@@ -261,17 +274,34 @@ def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
     if adversary["curriculum"] is not None:
         if "probability" in given:
             raise OptionError("config: adversary: a curriculum decides how often it attacks; leave probability out")
-        if adversary["total_steps"] is None:
+        # The others do not depend on the progress.
+        ends = adversary["curriculum"].split("{")[0] in ("paper", "release")
+        if ends and adversary["total_steps"] is None:
             raise OptionError("config: adversary: a curriculum needs total_steps, the steps of all environments in the training")
     elif "total_steps" in given:
         raise OptionError("config: adversary: total_steps is an option of a curriculum")
-    total = adversary["total_steps"]
-    if total is not None and (isinstance(total, bool) or not isinstance(total, int) or total < 1):
-        raise OptionError(f"config: adversary: total_steps is {total!r}; expected a whole number, at least 1")
+    if attackers != ["search"]:
+        for key in ("budget", "require", "weights"):
+            if key in given:
+                raise OptionError(f"config: adversary: {key} is an option of a search, not of {attackers[0]}")
+    for key in ("total_steps", "budget"):
+        if adversary[key] is not None and not _is_count(adversary[key], 1):
+            raise OptionError(f"config: adversary: {key} is {adversary[key]!r}; expected a whole number, at least 1")
+    for key in ("require", "weights", "curriculum"):
+        if adversary[key] is not None and not isinstance(adversary[key], str):
+            raise OptionError(f"config: adversary: {key} is {adversary[key]!r}; expected a text")
+    if not isinstance(adversary["shared"], bool):
+        raise OptionError(f"config: adversary: shared is {adversary['shared']!r}; expected True or False")
     adversary["against_drives"] = adversary.pop("against") == "drives"
     if adversary["plans"] is not None:
         adversary["plans"] = _plans(adversary["plans"])
     return adversary
+
+
+def is_shared(adversary: dict[str, Any]) -> bool:
+    """Whether an adversary learns from all environments of a vector environment together."""
+    learns = adversary["curriculum"] is not None or adversary["against_drives"]
+    return learns and bool(adversary["shared"])
 
 
 def _plans(given: Any) -> list[tuple[str, Any]]:

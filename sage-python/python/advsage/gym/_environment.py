@@ -45,8 +45,7 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
         workers = (self.config["worker_index"], self.config["num_workers"])
         self._environments = environments(self.config, 1, "disabled", workers)
         #: Names of the scenes.
-        self.scenario_names: list[str] = self._environments.scene_names()
-        self._numbers: dict[str, int] | None = None
+        self.scenario_names = names_of(self._environments)
         self._seeded = False
         self._picture: _picture.Picture | None = None
 
@@ -57,10 +56,12 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
         super().reset(seed=seed)
         wanted = self._scenario(options, seed)
         if seed is None and not self._seeded:
-            seed = int(self.np_random.integers(2**63))
-        self._seeded = True
+            # The same for a generator of random numbers that the user has set.
+            known = self.np_random_seed
+            seed = int(self.np_random.integers(2**63)) if known is None or known < 0 else known
         seed = None if seed is None else seed_of(seed)
         observation, info = self._environments.reset_one(seed, wanted)
+        self._seeded = True
         warn_of(self._environments)
         return observation, info
 
@@ -68,14 +69,8 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
         """Number of the scene that a reset asks for."""
         wanted = options_of(options, ["scenario"]).get("scenario")
         if wanted is not None:
-            return self.number_of(wanted)
+            return number_of(wanted, self.scenario_names, self.config["start_scenario_index"])
         return scene_of_seed(self.config, seed, len(self.scenario_names))
-
-    def number_of(self, scenario: int | str) -> int:
-        """Place of a scene among `scenario_names`, by its number or name."""
-        if self._numbers is None:
-            self._numbers = numbers_of(self.scenario_names)
-        return number_of(scenario, self._numbers, self.config["start_scenario_index"])
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drives for 0.1 s with an action of steer and throttle."""
@@ -83,6 +78,9 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
         if action.shape != (2,):
             raise OptionError(f"the action has the shape {action.shape}; expected steer and throttle, (2,)")
         return self._environments.step_one(action)
+
+    def __reduce__(self) -> Any:
+        return refuse_copies(self)
 
     def render(self) -> np.ndarray[Any, np.dtype[np.uint8]] | None:  # type: ignore[override, unused-ignore]
         """A picture from above, the ego in its middle and heading up: array (480, 480, 3). None without `render_mode`."""
@@ -93,11 +91,18 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
         return self._picture.draw(self._environments, 0)
 
 
+def refuse_copies(env: Any) -> Any:
+    """What `copy` and `pickle` are told: the state of a drive cannot be copied."""
+    name = type(env).__name__
+    raise TypeError(f"a {name} cannot be copied or pickled; make another one from its configuration, env.config")
+
+
 def environments(
     config: dict[str, Any], count: int, auto_reset: str, workers: tuple[int, int]
 ) -> _advsage.Environments:
     """Environments of a checked configuration."""
     adversary = _config.adversary_of(config)
+    share = count > 1 and adversary is not None and _config.is_shared(adversary)
     return _advsage.Environments(
         iter(_config.scenes_of(config)),
         _config.rules_of(config),
@@ -105,7 +110,7 @@ def environments(
         auto_reset=auto_reset,
         sequence=workers if config["sequential_seed"] else None,
         adversary=adversary,
-        share=adversary is not None and bool(adversary["shared"]) and count > 1,
+        share=share,
         threads=min(config["threads"], count),
         in_memory=config["scenes_in_memory"],
         first=config["start_scenario_index"],
@@ -116,7 +121,9 @@ def seed_of(seed: Any) -> int:
     """A seed as the simulation takes it, from any whole number that Gymnasium takes."""
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed is {seed!r}; expected a whole number, at least 0")
-    return int(seed) % 2**64
+    seed = int(seed)
+    # A longer one is mixed, so that no bit of it is lost without a trace.
+    return seed if seed < 2**64 else int(np.random.SeedSequence(seed).generate_state(1, np.uint64)[0])
 
 
 def options_of(options: dict[str, Any] | None, known: list[str]) -> dict[str, Any]:
@@ -127,23 +134,25 @@ def options_of(options: dict[str, Any] | None, known: list[str]) -> dict[str, An
     return options or {}
 
 
-def numbers_of(names: list[str]) -> dict[str, int]:
-    """Places of scenes by name. Of scenes that are called the same, the later ones have `#` and their place behind it."""
-    numbers: dict[str, int] = {}
-    for number, name in enumerate(names):
-        numbers[name if name not in numbers else f"{name}#{number}"] = number
-    return numbers
+def names_of(environments: _advsage.Environments) -> list[str]:
+    """Names of the scenes. Of those that are called the same, the later ones have `#` and their place behind it."""
+    names: dict[str, None] = {}
+    for number, name in enumerate(environments.scene_names()):
+        names[name if name not in names else f"{name}#{number}"] = None
+    return list(names)
 
 
-def number_of(scenario: Any, numbers: dict[str, int], first: int) -> int:
+def number_of(scenario: Any, names: list[str], first: int) -> int:
     """Place of a scene among those of the environment, by its number, which counts from `first`, or its name."""
     if isinstance(scenario, str):
-        if scenario not in numbers:
+        if scenario not in names:
             raise UnknownName(f"options: no scene is called {scenario!r}; scenario_names lists them")
-        return numbers[scenario]
+        return names.index(scenario)
+    if isinstance(scenario, bool) or not isinstance(scenario, (int, np.integer)):
+        raise OptionError(f"options: scenario is {scenario!r}; expected the number or the name of a scene")
     number = int(scenario) - first
-    if not 0 <= number < len(numbers):
-        raise OptionError(f"options: there is no scene {scenario!r}; they are numbered {first} to {first + len(numbers) - 1}")
+    if not 0 <= number < len(names):
+        raise OptionError(f"options: there is no scene {scenario!r}; they are numbered {first} to {first + len(names) - 1}")
     return number
 
 
@@ -158,4 +167,5 @@ def scene_of_seed(config: dict[str, Any], seed: int | None, count: int) -> int |
 def warn_of(environments: _advsage.Environments) -> None:
     """Warns of scenes that could not be used, and of attacks that could not be planned."""
     for scene, problem in environments.take_notes():
-        warnings.warn(f"scene {scene}: {problem}", RuntimeWarning, stacklevel=3)
+        text = problem.removeprefix(f"scene `{scene}`: ")
+        warnings.warn(f"scene `{scene}`: {text}", RuntimeWarning, stacklevel=3)

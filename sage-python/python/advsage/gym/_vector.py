@@ -11,7 +11,18 @@ from gymnasium.vector.utils import batch_space
 
 from ..errors import OptionError
 from . import _config, _picture
-from ._environment import ScenarioEnv, environments, number_of, numbers_of, options_of, scene_of_seed, seed_of, spaces, warn_of
+from ._environment import (
+    ScenarioEnv,
+    environments,
+    names_of,
+    number_of,
+    options_of,
+    refuse_copies,
+    scene_of_seed,
+    seed_of,
+    spaces,
+    warn_of,
+)
 
 Array = np.ndarray[Any, np.dtype[Any]]
 Stepped = tuple[Array, Array, Array, Array, dict[str, Any]]
@@ -20,8 +31,9 @@ Stepped = tuple[Array, Array, Array, Array, dict[str, Any]]
 class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
     """Environments that step together, in one call.
 
-    Environment k, seeded with `seed + k`, does what `ScenarioEnv` of that seed does, bit for bit, unless an adversary learns from all of
-    them (`"shared"`). `config` has the keys of `advsage.gym.DEFAULTS`; `"threads"` steps the environments in parallel, with the same
+    Environment k of n, seeded with `seed + k`, does what `ScenarioEnv` of that seed does, bit for bit; with `"sequential_seed"` it is worker
+    k of n. An adversary that learns does so from all of them, unless `"shared"` is False; each then has an n-th of `"total_steps"`.
+    `config` has the keys of `advsage.gym.DEFAULTS`; `"threads"` steps the environments in parallel, with the same
     bits. `autoreset_mode` is "NextStep" (Gymnasium's default), "SameStep" or "Disabled". Infos are few, and columns.
     """
 
@@ -60,8 +72,10 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
             (worker * num_envs, workers * num_envs),
         )
         #: Names of the scenes.
-        self.scenario_names: list[str] = self._environments.scene_names()
-        self._seeded = False
+        self.scenario_names = names_of(self._environments)
+        self._seeds_used: list[int | None] = [None] * num_envs
+        adversary = _config.adversary_of(self.config)
+        self._learns_together = num_envs > 1 and adversary is not None and _config.is_shared(adversary)
         self._pictures = [_picture.Picture() for _ in range(num_envs)]
 
     def reset(  # type: ignore[override, unused-ignore]
@@ -76,17 +90,14 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
         mask = self._mask(options.get("reset_mask"))
         seeds = self._seeds(seed)
         scenes = self._scenarios(options.get("scenario"), seeds)
-        resets = [
-            (k, None if seeds[k] is None else seed_of(seeds[k]), scenes[k])
-            for k in range(self.num_envs)
-            if mask[k]
-        ]
+        resets = [(k, seeds[k], scenes[k]) for k in range(self.num_envs) if mask[k]]
         observations, infos = self._environments.reset(resets)
         if not mask.all():
             for key in infos:
                 if key.startswith("_"):
                     infos[key] &= mask
-        self._seeded = True
+        for k, seed_used, _ in resets:
+            self._seeds_used[k] = self._seeds_used[k] if seed_used is None else seed_used
         warn_of(self._environments)
         return observations, infos
 
@@ -97,24 +108,31 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
             raise OptionError(f"options: reset_mask is {mask!r}; expected an array of {self.num_envs} bool")
         if not mask.any():
             raise OptionError("options: reset_mask resets no environment")
-        if not self._seeded and not mask.all():
+        if self._seeds_used[0] is None and not mask.all():
             raise OptionError("options: the first reset is of all environments; leave reset_mask out")
         return mask
 
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[Any]:
-        if seed is None and self._seeded:
+    @property
+    def np_random_seed(self) -> Any:
+        """The last seed of each environment."""
+        return tuple(self._seeds_used)
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        is_first = self._seeds_used[0] is None
+        if seed is None and not is_first:
             return [None] * self.num_envs
+        draw = self.np_random.integers
         if seed is None:
-            seed = int(self.np_random.integers(2**63))
-        if isinstance(seed, (int, np.integer)):
-            return [int(seed) + k for k in range(self.num_envs)]
+            seed = int(draw(2**63))
+        if not isinstance(seed, Sequence) and not isinstance(seed, np.ndarray):
+            first = seed_of(seed)
+            return [(first + k) % 2**64 for k in range(self.num_envs)]
         seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise OptionError(f"seed holds {len(seeds)} numbers; expected {self.num_envs}, one for each environment")
-        if not self._seeded:
-            draw = self.np_random.integers
+        if is_first:
             seeds = [int(draw(2**63)) if one is None else one for one in seeds]
-        return seeds
+        return [None if one is None else seed_of(one) for one in seeds]
 
     def _scenarios(self, given: Any, seeds: list[Any]) -> list[int | None]:
         count = len(self.scenario_names)
@@ -125,8 +143,8 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
             raise OptionError(
                 f"options: scenario holds {len(each)} scenes; expected {self.num_envs}, one for each environment"
             )
-        numbers, first = numbers_of(self.scenario_names), self.config["start_scenario_index"]
-        return [None if one is None else number_of(one, numbers, first) for one in each]
+        names, first = self.scenario_names, self.config["start_scenario_index"]
+        return [None if one is None else number_of(one, names, first) for one in each]
 
     def step(self, actions: Any) -> Stepped:
         """Drives every environment for 0.1 s: actions (n, 2) of steer and throttle."""
@@ -141,11 +159,15 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
         """Drives every environment several times, with actions that are known before: array (n, steps, 2).
 
         Results are arrays (n, steps, ...); infos are columns of n × steps rows, those of the first environment first. They are those of
-        as many calls of `step`, but a quarter faster, since each environment drives all its steps at once.
+        as many calls of `step`, but a tenth faster, since each environment drives all its steps at once.
         """
         actions = np.ascontiguousarray(actions, np.float32)
         if actions.ndim != 3 or actions.shape[::2] != (self.num_envs, 2) or actions.shape[1] == 0:
             raise OptionError(f"the actions have the shape {actions.shape}; expected ({self.num_envs}, steps, 2)")
+        if self._learns_together:
+            raise OptionError('a roll-out needs an adversary that learns from each environment alone: "shared": False')
+        if self.autoreset_mode == AutoresetMode.DISABLED:
+            raise OptionError("a roll-out needs an automatic reset: autoreset_mode NextStep or SameStep")
         stepped = self._environments.roll_out(actions)
         self._finish(stepped)
         return stepped
@@ -157,6 +179,9 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
             final[:] = infos["final_obs"]
             infos["final_obs"] = final
         warn_of(self._environments)
+
+    def __reduce__(self) -> Any:
+        return refuse_copies(self)
 
     def render(self) -> tuple[Array, ...] | None:
         """A picture of every environment, as `ScenarioEnv.render` has it."""

@@ -13,20 +13,23 @@ from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from ._config import Config
+from ._environment import options_of
 from ._vector import ScenarioVectorEnv
 
 #: Infos of an episode that has ended, for `EvalCallback(..., is_success)` and logs.
-OF_EPISODE = ("arrive_dest", "out_of_road", "crash_vehicle", "route_completion", "cost", "scenario_index", "attacked")
+OF_EPISODE = ("arrive_dest", "out_of_road", "crash_vehicle", "route_completion", "cost", "scenario_index", "under_attack")
 
 
 class ScenarioVecEnv(VecEnv):
     """`ScenarioVectorEnv` as Stable-Baselines3 has vector environments.
 
     The list of infos is empty but for episodes that have ended: these have `terminal_observation`, `TimeLimit.truncated`, `episode`
-    (return `r` and length `l`, as its `Monitor` writes them), `is_success`, and some of MetaDrive's keys.
+    (return `r` and length `l`, as its `Monitor` writes them), `is_success`, and some of MetaDrive's keys. `columns` are all infos of
+    the last step, as `ScenarioVectorEnv` has them, such as `columns["cost"]`.
     """
 
     def __init__(self, num_envs: int, config: Config | None = None, *, render_mode: str | None = None) -> None:
@@ -37,14 +40,16 @@ class ScenarioVecEnv(VecEnv):
         # The base class asks for it.
         self.render_mode = render_mode
         self._actions: np.ndarray[Any, Any] | None = None
+        #: Infos of the last step.
+        self.columns: dict[str, Any] = {}
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
     def reset(self) -> Any:
         """Begins an episode in every environment."""
         given, options = self._seeds, self._options
         seed = None if all(one is None for one in given) else given
-        scenario = [one.get("scenario") for one in options] if any(options) else None
-        observations, _ = self.envs.reset(seed=seed, options=None if scenario is None else {"scenario": scenario})
+        scenario = [options_of(one, ["scenario"]).get("scenario") for one in options] if any(options) else None
+        observations, self.columns = self.envs.reset(seed=seed, options=None if scenario is None else {"scenario": scenario})
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]
@@ -57,6 +62,7 @@ class ScenarioVecEnv(VecEnv):
     def step_wait(self) -> Any:
         """Steps."""
         observations, rewards, terminated, truncated, columns = self.envs.step(self._actions)
+        self.columns = columns
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         done = terminated | truncated
         if "final_obs" in columns:
@@ -87,8 +93,8 @@ class ScenarioVecEnv(VecEnv):
         return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """No environment is wrapped; episodes are recorded as `Monitor` does."""
-        return [False for _ in self._get_indices(indices)]
+        """Episodes are recorded as by `Monitor`; nothing else is wrapped."""
+        return [issubclass(Monitor, wrapper_class) for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[np.ndarray[Any, Any] | None]:
         """A picture of every environment."""

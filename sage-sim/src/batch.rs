@@ -5,6 +5,7 @@
 
 mod experience;
 mod recent;
+mod row;
 mod setting;
 mod slot;
 
@@ -14,8 +15,8 @@ use self::{experience::Experience, slot::Slot};
 use crate::{Error, environment::Environment};
 
 pub use recent::Recent;
+pub use row::{Last, Note, Row};
 pub use setting::{Adversary, SceneOrder, SceneSource, Setting};
-pub use slot::{Last, Note, Row};
 
 /// What happens after the last step of an episode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -119,13 +119,12 @@ impl Described {
         let has_curriculum = curriculum.is_some();
         let mut lambda = f64::NAN;
         let attacker: Arc<dyn Attacker> = match attacks {
-            Attacks::Generator(built) if has_curriculum => {
-                built.named.built.check_lambda()?;
-                Arc::new(AtAnyPoint(built))
-            }
             Attacks::Generator(built) => {
+                if has_curriculum {
+                    built.named.built.check_lambda()?;
+                }
                 lambda = built.named.points[0].lambda.unwrap_or(f64::NAN);
-                Arc::new(AtItsPoint(built))
+                Arc::new(OfGenerator { built, has_curriculum })
             }
             Attacks::Search { ego, options, weights } => {
                 let spec = SearchSpec {
@@ -163,25 +162,13 @@ impl Curriculum for Share {
     }
 }
 
-/// A generator at the operating point that the user gave.
-struct AtItsPoint(Arc<Built>);
-
-impl Attacker for AtItsPoint {
-    fn plan(
-        &self,
-        scene: &SimScene,
-        drive: Option<&Drive>,
-        _: &OperatingPoint,
-        seed: u64,
-    ) -> Result<Arc<Plan>, Error> {
-        self.0.named.built.plan_at(0, scene, drive, seed)
-    }
+/// A generator at the point that the user gave, or at those of a curriculum.
+struct OfGenerator {
+    built: Arc<Built>,
+    has_curriculum: bool,
 }
 
-/// A generator at the points of a curriculum.
-struct AtAnyPoint(Arc<Built>);
-
-impl Attacker for AtAnyPoint {
+impl Attacker for OfGenerator {
     fn plan(
         &self,
         scene: &SimScene,
@@ -189,7 +176,12 @@ impl Attacker for AtAnyPoint {
         at: &OperatingPoint,
         seed: u64,
     ) -> Result<Arc<Plan>, Error> {
-        self.0.named.built.plan(scene, drive, at, seed)
+        let built = &self.built.named.built;
+        if self.has_curriculum {
+            built.plan(scene, drive, at, seed)
+        } else {
+            built.plan_at(0, scene, drive, seed)
+        }
     }
 }
 

@@ -1,9 +1,12 @@
 //! What is known of environments after a step: a dictionary for one, columns for several. Keys are MetaDrive's where it has them.
 
+use std::collections::HashMap;
+
 use numpy::PyArray1;
 use pyo3::{
     IntoPyObjectExt, intern,
     prelude::*,
+    sync::PyOnceLock,
     types::{PyDict, PyList, PyString},
 };
 use sage_sim::{
@@ -45,6 +48,24 @@ const COUNTS: [(&str, Flag); 4] = [
 /// What MetaDrive has and no scene here: 0 throughout.
 const ZEROS: [&str; 4] =
     ["step_reward_lateral", "step_reward_heading", "step_reward_action_smooth", "scenario_difficulty"];
+
+/// The other keys.
+const OTHER_KEYS: [&str; 14] = [
+    "scenario_index",
+    "episode_reward",
+    "episode_length",
+    "attack_lambda",
+    "crash",
+    "crash_building",
+    "curriculum_level",
+    "env_seed",
+    "num_stored_maps",
+    "track_length",
+    "carsize",
+    "data_coverage",
+    "curriculum_success",
+    "curriculum_route_completion",
+];
 
 /// λ of the attack; `None` without one, and for one at a mixture of experts.
 fn lambda(row: &Row) -> Option<f64> {
@@ -98,9 +119,23 @@ pub(crate) fn info<'py>(
     Ok(dict)
 }
 
-/// A key, which Python keeps.
+/// Keys, each with that of its mask in columns.
+type Keys = HashMap<&'static str, [Py<PyString>; 2]>;
+
+/// All keys, made once: a text costs as much as its column.
+fn all_keys(py: Python<'_>) -> &Keys {
+    static KEYS: PyOnceLock<Keys> = PyOnceLock::new();
+    KEYS.get_or_init(py, || {
+        let flags = FLAGS.into_iter().chain(COUNTS).map(|(key, _)| key);
+        let names = flags.chain(NUMBERS.map(|(key, _)| key)).chain(ZEROS).chain(OTHER_KEYS);
+        let interned = |key: &str| PyString::intern(py, key).unbind();
+        names.map(|key| (key, [interned(key), interned(&format!("_{key}"))])).collect()
+    })
+}
+
+/// A key.
 fn interned<'py>(py: Python<'py>, key: &'static str) -> Bound<'py, PyString> {
-    PyString::intern(py, key)
+    all_keys(py)[key][0].bind(py).clone()
 }
 
 /// The infos of several environments, as Gymnasium has them: for each key a column, and under the key with `_` before it where it
@@ -121,24 +156,26 @@ impl Infos<'_> {
     /// The columns, in which some rows count.
     fn masked<'py>(&self, py: Python<'py>, counts: &[bool]) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
-        let put = |key: &'static str, column: Bound<'py, PyAny>, counts: Vec<bool>| -> PyResult<()> {
-            dict.set_item(interned(py, key), column)?;
-            dict.set_item(PyString::intern(py, &format!("_{key}")), self::column(py, counts))
+        let keys = all_keys(py);
+        let put = |name: &'static str, column: Bound<'py, PyAny>, counts: &[bool]| -> PyResult<()> {
+            let [key, mask] = &keys[name];
+            dict.set_item(key, column)?;
+            dict.set_item(mask, self::column(py, counts))
         };
         for (key, of) in FLAGS {
-            put(key, column(py, self.rows.iter().map(of).collect()), counts.to_vec())?;
+            put(key, column(py, &self.rows.iter().map(of).collect::<Vec<bool>>()), counts)?;
         }
         let returned: (&'static str, Number) = ("episode_reward", |row| row.episode_return);
         for (key, of) in NUMBERS.into_iter().chain([returned]) {
-            put(key, column(py, self.rows.iter().map(of).collect()), counts.to_vec())?;
+            put(key, column(py, &self.rows.iter().map(of).collect::<Vec<f64>>()), counts)?;
         }
         let scenes: Vec<i64> = self.rows.iter().map(|row| (self.first + row.scene) as i64).collect();
-        put("scenario_index", column(py, scenes), counts.to_vec())?;
+        put("scenario_index", column(py, &scenes), counts)?;
         let lengths: Vec<i64> = self.rows.iter().map(|row| row.steps as i64).collect();
-        put("episode_length", column(py, lengths), counts.to_vec())?;
+        put("episode_length", column(py, &lengths), counts)?;
         let lambdas: Vec<f64> = self.rows.iter().map(|row| lambda(row).unwrap_or(0.0)).collect();
         let known = self.rows.iter().zip(counts).map(|(row, counts)| *counts && lambda(row).is_some());
-        put("attack_lambda", column(py, lambdas), known.collect())?;
+        put("attack_lambda", column(py, &lambdas), &known.collect::<Vec<bool>>())?;
         Ok(dict)
     }
 
@@ -159,13 +196,13 @@ impl Infos<'_> {
         let observations = PyList::new(py, observations.collect::<PyResult<Vec<_>>>()?)?;
         let final_info = Infos { rows: &rows, ..*self }.masked(py, &ended)?;
         infos.set_item(intern!(py, "final_obs"), observations)?;
-        infos.set_item(intern!(py, "_final_obs"), column(py, ended.clone()))?;
+        infos.set_item(intern!(py, "_final_obs"), column(py, &ended))?;
         infos.set_item(intern!(py, "final_info"), final_info)?;
-        infos.set_item(intern!(py, "_final_info"), column(py, ended))?;
+        infos.set_item(intern!(py, "_final_info"), column(py, &ended))?;
         Ok(())
     }
 }
 
-fn column<T: numpy::Element>(py: Python<'_>, values: Vec<T>) -> Bound<'_, PyAny> {
-    PyArray1::from_vec(py, values).into_any()
+fn column<'py, T: numpy::Element>(py: Python<'py>, values: &[T]) -> Bound<'py, PyAny> {
+    PyArray1::from_slice(py, values).into_any()
 }

@@ -209,7 +209,7 @@ class Single(InFolder):
         with self.assertRaisesRegex(sage.OptionError, "finite"):
             env.step([0.0, float("nan")])
         env.step([0.0, 9.0])
-        env.step(np.zeros(2))
+        env.step(np.zeros((2, 3), np.float32)[:, 0])
         with self.assertRaisesRegex(sage.OptionError, "is over"):
             env.step([0.0, 0.0])
 

@@ -74,7 +74,7 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drives for 0.1 s with an action of steer and throttle."""
-        action = np.asarray(action, np.float32)
+        action = np.ascontiguousarray(action, np.float32)
         if action.shape != (2,):
             raise OptionError(f"the action has the shape {action.shape}; expected steer and throttle, (2,)")
         return self._environments.step_one(action)

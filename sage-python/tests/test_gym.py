@@ -555,8 +555,10 @@ class Vector(unittest.TestCase):
         adversary = own.get("adversary")
         if isinstance(adversary, dict) and "total_steps" in adversary:
             own["adversary"] = {**adversary, "total_steps": adversary["total_steps"] // n}
+        # Each is a worker of its own.
+        workers = [{"worker_index": k, "num_workers": n} if "sequential_seed" in config else {} for k in range(n)]
         with quiet():
-            expected = [single_rows(own, 30 + k, chosen[:, k]) for k in range(n)]
+            expected = [single_rows({**own, **workers[k]}, 30 + k, chosen[:, k]) for k in range(n)]
         resets = 0
         for mode in MODES:
             envs = ScenarioVectorEnv(n, {**config, "threads": threads}, autoreset_mode=mode)
@@ -608,6 +610,7 @@ class Vector(unittest.TestCase):
         self.equal_to_singles({"scenes": scenes})
         self.equal_to_singles({"scenes": scenes}, threads=2)
         self.equal_to_singles({"scenes": scenes, "preset": "metadrive"}, steps=600, n=2)
+        self.equal_to_singles({"scenes": scenes, "sequential_seed": True, "reactive_traffic": True})
         for name, adversary in adversaries().items():
             with self.subTest(adversary=name):
                 self.equal_to_singles({"scenes": scenes, "adversary": adversary})

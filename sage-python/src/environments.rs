@@ -1,5 +1,10 @@
 //! Environments of reinforcement learning that step together, behind `advsage.gym`.
 
+mod adversaries;
+mod picture;
+mod rows;
+mod scenes;
+
 use std::{
     mem,
     sync::{Arc, Mutex, MutexGuard},
@@ -18,12 +23,12 @@ use sage_sim::{
     traffic::TrafficMode,
 };
 
+use self::{
+    rows::{Infos, info},
+    scenes::ListedScenes,
+};
 use crate::{
-    adversaries,
     ahead::pool,
-    environment_picture,
-    environment_rows::{Infos, info},
-    environment_scenes::ListedScenes,
     errors::{OptionError, UnknownName, caught, detached},
     values,
 };
@@ -198,21 +203,13 @@ impl PyEnvironments {
     /// What a picture of an environment shows; None before its first reset.
     fn picture<'py>(&self, py: Python<'py>, number: usize) -> PyResult<Option<Bound<'py, PyDict>>> {
         let inner = self.lock()?;
-        inner
-            .batch
-            .environment(number)
-            .map(|environment| environment_picture::shown(py, environment))
-            .transpose()
+        inner.batch.environment(number).map(|environment| picture::shown(py, environment)).transpose()
     }
 
     /// Lines of the map of an environment's scene: name of the scene, and kind and points of each line.
     fn picture_map<'py>(&self, py: Python<'py>, number: usize) -> PyResult<Option<Bound<'py, PyAny>>> {
         let inner = self.lock()?;
-        inner
-            .batch
-            .environment(number)
-            .map(|environment| environment_picture::map(py, environment))
-            .transpose()
+        inner.batch.environment(number).map(|environment| picture::map(py, environment)).transpose()
     }
 }
 

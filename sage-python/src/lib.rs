@@ -3,20 +3,15 @@
 //! - What a user works with: `scene`, `loading` and `folder`; `generator`, `attack` and `attacks`; `scoring`; `driven`, `episode` and
 //!   `episodes`; `searching`; `inspecting`.
 //! - Planners: `planner` is asked, `observation` is what it sees, `planner_drive` its policy, `together` several drives at once.
-//! - Environments of reinforcement learning: `environments` steps them, in scenes of `environment_scenes`, against `adversaries`;
-//!   `environment_rows` and `environment_picture` are what is known and shown of them.
+//! - `environments`: environments of reinforcement learning, their scenes and adversaries, and what is known and shown of them.
 //! - `built`: a generator without Python. `items`: scenes of a list. `ahead`: the only place with threads. `parts`: registries and drivers by
 //!   name. `job`: one run of the command. `values`, `made_once`, `seed`, `errors`: values, arrays, numbers and exceptions of Python.
 
-mod adversaries;
 mod ahead;
 mod attack;
 mod attacks;
 mod built;
 mod driven;
-mod environment_picture;
-mod environment_rows;
-mod environment_scenes;
 mod environments;
 mod episode;
 mod episodes;

@@ -14,7 +14,8 @@ use sage_sim::{
     observation::LENGTH,
 };
 
-use crate::{environment_scenes::Counts, values};
+use super::scenes::Counts;
+use crate::values;
 
 type Flag = fn(&Row) -> bool;
 type Number = fn(&Row) -> f64;

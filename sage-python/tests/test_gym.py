@@ -244,7 +244,7 @@ class Single(InFolder):
             env.render()
         env.reset(seed=0)
         first = env.render()
-        self.assertEqual((first.shape, first.dtype), ((480, 480, 3), np.uint8))
+        self.assertEqual((first.shape, first.dtype, first.flags["WRITEABLE"]), ((480, 480, 3), np.uint8, True))
         for _ in range(10):
             env.step([0.0, 0.2])
         self.assertTrue((env.render() != first).any())

@@ -59,7 +59,7 @@ class Picture:
             screen = [tuple(0.75 * box[front] + 0.25 * box[rear]) for front, rear in [(0, 1), (3, 2)]]
             canvas.line(screen, fill=(255, 255, 255), width=2 * OVERSAMPLED)
         canvas.text((12, 10), f"{shown['time']:.1f} s", fill=(60, 60, 60), font_size=14 * OVERSAMPLED)
-        return np.asarray(image.resize((SIDE, SIDE), Image.Resampling.BOX))
+        return np.array(image.resize((SIDE, SIDE), Image.Resampling.BOX))
 
 
 def _placed(ego: tuple[float, float, float], side: int) -> Any:
@@ -77,6 +77,6 @@ def _placed(ego: tuple[float, float, float], side: int) -> Any:
 
 
 def _line(canvas: Any, points: Points, color: tuple[int, int, int], width: int, side: int) -> None:
-    near = (points > -side) & (points < 2 * side)
-    if len(points) > 1 and near.all(axis=1).any():
+    # A long line may cross the picture with all its points outside.
+    if len(points) > 1 and (points.max(axis=0) > 0).all() and (points.min(axis=0) < side).all():
         canvas.line([tuple(point) for point in points], fill=color, width=width, joint="curve")

@@ -252,6 +252,18 @@ class Single(InFolder):
         with self.assertRaises(sage.OptionError):
             ScenarioEnv(render_mode="human")
 
+    def test_names_of_files_with_a_hash(self):
+        path = os.path.join(self.folder, "a#b.pkl")
+        procedural(1)[0].save(path)
+        self.assertEqual(ScenarioEnv({"scenes": [path]}).reset(seed=0)[1]["scenario_index"], 0)
+
+    def test_plans_are_read_once(self):
+        scene = procedural(1)[0]
+        plan = scene.positions[scene.adversary, 11:91, :2]
+        given = (one for one in [sage.Failure(scene, {"trajectory": plan})])
+        envs = ScenarioVectorEnv(2, {"scenes": [scene], "adversary": given})
+        self.assertTrue(envs.reset(seed=0)[1]["under_attack"].all())
+
     def test_scenes_that_cannot_be_used(self):
         paths = scene_files(3, self.folder)[:3]
         damaged = os.path.join(self.folder, "damaged.pkl")
@@ -343,6 +355,7 @@ class Configurations(unittest.TestCase):
             "nearest is 'generator'": {"generators": generator},
             "probability is 2": {"generator": generator, "probability": 2},
             "needs total_steps": {"curriculum": "paper"},
+            "curriculum is 5": {"curriculum": 5},
             "leave probability out": {"curriculum": "paper", "total_steps": 9, "probability": 0.5},
             "total_steps is an option of a curriculum": {"generator": generator, "total_steps": 9},
             "curriculum is an option of a generator": {"search": "idm", "curriculum": "paper", "total_steps": 9},

@@ -134,7 +134,7 @@ fn all_keys(py: Python<'_>) -> &Keys {
     })
 }
 
-/// A key.
+/// A key of this file, all of which are there.
 fn interned<'py>(py: Python<'py>, key: &'static str) -> Bound<'py, PyString> {
     all_keys(py)[key][0].bind(py).clone()
 }

@@ -219,8 +219,8 @@ def scenes_of(config: dict[str, Any]) -> list[Any]:
     else:
         all_scenes = list(given)
     for path in all_scenes:
-        # A record of a TFRecord file is FILE#3.
-        if isinstance(path, (str, os.PathLike)) and not os.path.exists(str(path).split("#")[0]):
+        # A record of a TFRecord file is FILE#3; other files may have # in their names.
+        if isinstance(path, (str, os.PathLike)) and not any(map(os.path.exists, (path, str(path).rsplit("#", 1)[0]))):
             raise MissingFile(2, "No such file or directory", str(path))
     first, count = config["start_scenario_index"], config["num_scenarios"]
     last = len(all_scenes) if count is None else first + count
@@ -256,6 +256,9 @@ def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
         given = {"plans": given}
     _refuse_unknown("config: adversary", given, ADVERSARY)
     adversary = {**ADVERSARY, **given}
+    for key in ("require", "weights", "curriculum"):
+        if adversary[key] is not None and not isinstance(adversary[key], str):
+            raise OptionError(f"config: adversary: {key} is {adversary[key]!r}; expected a text")
     attackers = [key for key in ("generator", "search", "plans") if adversary[key] is not None]
     if not attackers and adversary["curriculum"] is not None:
         adversary["generator"] = _advsage.Generator()
@@ -277,7 +280,7 @@ def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
         # The others do not depend on the progress.
         ends = adversary["curriculum"].split("{")[0] in ("paper", "release")
         if ends and adversary["total_steps"] is None:
-            raise OptionError("config: adversary: a curriculum needs total_steps, the steps of all environments in the training")
+            raise OptionError("config: adversary: this curriculum needs total_steps, the steps of the training")
     elif "total_steps" in given:
         raise OptionError("config: adversary: total_steps is an option of a curriculum")
     if attackers != ["search"]:
@@ -287,9 +290,6 @@ def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
     for key in ("total_steps", "budget"):
         if adversary[key] is not None and not _is_count(adversary[key], 1):
             raise OptionError(f"config: adversary: {key} is {adversary[key]!r}; expected a whole number, at least 1")
-    for key in ("require", "weights", "curriculum"):
-        if adversary[key] is not None and not isinstance(adversary[key], str):
-            raise OptionError(f"config: adversary: {key} is {adversary[key]!r}; expected a text")
     if not isinstance(adversary["shared"], bool):
         raise OptionError(f"config: adversary: shared is {adversary['shared']!r}; expected True or False")
     adversary["against_drives"] = adversary.pop("against") == "drives"

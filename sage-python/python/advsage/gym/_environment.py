@@ -43,7 +43,7 @@ class ScenarioEnv(gymnasium.Env[Observation, Observation]):
         self.observation_space, self.action_space = spaces()
         self.config = _config.checked(config)
         workers = (self.config["worker_index"], self.config["num_workers"])
-        self._environments = environments(self.config, 1, "disabled", workers)
+        self._environments, _ = environments(self.config, 1, "disabled", workers)
         #: Names of the scenes.
         self.scenario_names = names_of(self._environments)
         self._seeded = False
@@ -99,11 +99,11 @@ def refuse_copies(env: Any) -> Any:
 
 def environments(
     config: dict[str, Any], count: int, auto_reset: str, workers: tuple[int, int]
-) -> _advsage.Environments:
-    """Environments of a checked configuration."""
+) -> tuple[_advsage.Environments, bool]:
+    """Environments of a checked configuration, and whether an adversary learns from all of them together."""
     adversary = _config.adversary_of(config)
     share = count > 1 and adversary is not None and _config.is_shared(adversary)
-    return _advsage.Environments(
+    made = _advsage.Environments(
         iter(_config.scenes_of(config)),
         _config.rules_of(config),
         count=count,
@@ -115,6 +115,7 @@ def environments(
         in_memory=config["scenes_in_memory"],
         first=config["start_scenario_index"],
     )
+    return made, share
 
 
 def seed_of(seed: Any) -> int:

@@ -65,7 +65,7 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
         self.config = _config.checked(config)
         mode = {AutoresetMode.NEXT_STEP: "next_step", AutoresetMode.SAME_STEP: "same_step"}
         worker, workers = self.config["worker_index"], self.config["num_workers"]
-        self._environments = environments(
+        self._environments, self._learns_together = environments(
             self.config,
             num_envs,
             mode.get(self.autoreset_mode, "disabled"),
@@ -74,8 +74,6 @@ class ScenarioVectorEnv(VectorEnv[Array, Array, Array]):
         #: Names of the scenes.
         self.scenario_names = names_of(self._environments)
         self._seeds_used: list[int | None] = [None] * num_envs
-        adversary = _config.adversary_of(self.config)
-        self._learns_together = num_envs > 1 and adversary is not None and _config.is_shared(adversary)
         self._pictures = [_picture.Picture() for _ in range(num_envs)]
 
     def reset(  # type: ignore[override, unused-ignore]

@@ -31,7 +31,7 @@ pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, ExplainArgs
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
 pub(crate) use driving::{PlannerArgs, SimulateArgs};
-pub(crate) use learning::{FinetuneArgs, PredictArgs, PretrainArgs, SelectArg};
+pub(crate) use learning::{FinetuneArgs, MOST_ROLES, PredictArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use reading::ReadingArgs;
 pub(crate) use searching::{SearchArgs, SearchFormat};

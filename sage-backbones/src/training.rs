@@ -12,7 +12,7 @@ mod step;
 
 pub use checkpoint::{Checkpoint, EpochRow};
 pub use epochs::CheckpointFile;
-pub use finetune::{FinetuneOptions, FinetuneRow, Tunes, finetune};
+pub use finetune::{FinetuneOptions, FinetuneRow, Schedule, Tunes, finetune};
 pub use goal_table::{Expectation, ExpertObjective, GoalTable, Measures};
 pub use prepared_scene::PreparedScene;
 pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};

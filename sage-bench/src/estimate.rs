@@ -1,14 +1,18 @@
 //! Estimates from rows: means, shares, medians and differences with 95 % intervals.
 //!
-//! There is one bootstrap. A resample draws the scenes, once for all that is compared, so that differences are paired
+//! There is one bootstrap, also for distances of samples that are pooled over scenes ([`pooled`]). A resample draws the scenes, once for all that is compared, so that differences are paired
 //! by scene, and for each method its training seeds, if it has several.
 
 use rayon::prelude::*;
 use sage_core::{
-    metric::Aggregate,
+    metric::{Aggregate, TwoSamples},
     seed::Rng,
     statistics::{self, Estimate, quantile},
 };
+
+mod pooled;
+
+pub use pooled::Pool;
 
 /// Resamples of an interval.
 pub const RESAMPLES: usize = 4000;
@@ -25,6 +29,8 @@ pub struct Samples {
     pub values: Vec<Vec<f64>>,
     /// Number of values, where scenes have several agents; otherwise that of scenes is reported.
     pub agents: Option<usize>,
+    /// The samples of each seed, for a distance of pooled samples; empty for other metrics.
+    pub pools: Vec<Pool>,
 }
 
 /// Difference of two methods on the same scenes.
@@ -89,7 +95,20 @@ impl Samples {
         let cell = |value: &Option<f64>| value.map_or([0.0; 2], |value| [value, 1.0]);
         let seeds = vec![values.iter().map(cell).collect()];
         let values = values.into_iter().map(|value| value.into_iter().collect()).collect();
-        Self { seeds, values, agents: None }
+        Self { seeds, values, ..Self::default() }
+    }
+
+    /// The same for a distance of pooled samples, by seed and scene.
+    pub fn with_pools(self, samples: &[Vec<TwoSamples>]) -> Self {
+        Self { pools: samples.iter().map(|scenes| Pool::of(scenes)).collect(), ..self }
+    }
+
+    /// Value of a seed over some scenes, each as often as it is given.
+    fn of_seed(&self, seed: usize, scenes: &[usize]) -> f64 {
+        match self.pools.get(seed) {
+            Some(pool) => pool.distance(scenes),
+            None => ratio(sums(&self.seeds[seed], scenes.iter().copied())),
+        }
     }
 
     fn scenes(&self) -> usize {
@@ -111,7 +130,8 @@ impl Samples {
 
     /// Value of each seed over all scenes.
     fn by_seed(&self) -> Vec<f64> {
-        self.seeds.iter().map(|seed| ratio(sums(seed, 0..seed.len()))).collect()
+        let scenes: Vec<usize> = (0..self.scenes()).collect();
+        (0..self.seeds.len()).map(|seed| self.of_seed(seed, &scenes)).collect()
     }
 
     /// Mean over seeds; `None` if nothing was measured.
@@ -127,7 +147,7 @@ impl Samples {
     /// Mean over seeds in a resample of scenes, which draws the seeds too.
     fn mean_of(&self, scenes: &[usize], rng: &mut Rng) -> f64 {
         let n = self.seeds.len();
-        let one = |seed: usize| ratio(sums(&self.seeds[seed], scenes.iter().copied()));
+        let one = |seed: usize| self.of_seed(seed, scenes);
         if n == 1 { one(0) } else { (0..n).map(|_| one(rng.below(n))).sum::<f64>() / n as f64 }
     }
 
@@ -172,9 +192,8 @@ impl Samples {
         if common.is_empty() {
             return None;
         }
-        let over = |of: &Self| -> Vec<f64> {
-            of.seeds.iter().map(|seed| ratio(sums(seed, common.iter().copied()))).collect()
-        };
+        let over =
+            |of: &Self| -> Vec<f64> { (0..of.seeds.len()).map(|seed| of.of_seed(seed, &common)).collect() };
         let (a, b) = (over(self), over(other));
         let mut rng = Rng::new(0, name, "bootstrap");
         let drawn = resampled(&common, &mut rng, |scenes, rng| {

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context as _, Result};
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
+
+use crate::rows::Key;
 
 /// The file of all numbers.
 const FILE: &str = include_str!("../published.yaml");
@@ -12,12 +14,15 @@ const FILE: &str = include_str!("../published.yaml");
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Published {
-    /// Generator, with its operating point; empty for unchanged scenes.
-    #[serde(default)]
-    pub attack: String,
+    /// Generators, with their operating points, that are compared with it; one empty name for unchanged scenes.
+    #[serde(default, deserialize_with = "one_or_more")]
+    pub attack: Vec<String>,
     /// Method; empty where the attack is the method.
     #[serde(default)]
     pub arm: String,
+    /// Number of scenes, where it is known.
+    #[serde(default)]
+    pub n: Option<usize>,
     /// Value, and its deviation over seeds if it is published, by metric.
     pub values: BTreeMap<String, Vec<f64>>,
 }
@@ -31,7 +36,25 @@ pub fn published(name: &str) -> Result<Vec<Published>> {
     all.remove(name).with_context(|| format!("there are no published numbers `{name}`"))
 }
 
+fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum OneOrMore {
+        One(String),
+        More(Vec<String>),
+    }
+    Ok(match OneOrMore::deserialize(deserializer)? {
+        OneOrMore::One(name) => vec![name],
+        OneOrMore::More(names) => names,
+    })
+}
+
 impl Published {
+    /// Whether it is compared with a method.
+    pub fn is_of(&self, key: &Key) -> bool {
+        (self.arm.is_empty() || self.arm == key.arm) && self.attack.contains(&key.generator_label())
+    }
+
     /// A value as it is shown, in units of the metric; `scale` is that of shares in percent.
     pub fn cell(&self, metric: &str, scale: f64) -> String {
         let text = |x: f64| {
@@ -54,7 +77,7 @@ mod tests {
     fn the_file_holds_rows_with_values() {
         let rows = published("closed-loop").unwrap();
         assert_eq!(rows.len(), 16);
-        let row = rows.iter().find(|row| row.attack.is_empty() && row.arm == "sage").unwrap();
+        let row = rows.iter().find(|row| row.attack == [""] && row.arm == "sage").unwrap();
         assert_eq!(row.cell("completion", 1.0), "*0.77 ± 0.03*".replace("0.03", "0.02"));
         assert_eq!(row.cell("contact", 100.0), "*16 ± 5*");
         assert_eq!(row.cell("at fault", 100.0), "");

@@ -8,6 +8,7 @@ mod sweeps;
 mod tests;
 mod thresholds;
 mod transfers;
+mod verdicts;
 
 use std::collections::HashMap;
 
@@ -20,7 +21,7 @@ pub use record::{StudyRecord, join, read, rows_csv};
 
 use crate::{
     estimate::Samples,
-    published::{Published, published},
+    published::published,
     rows::{MetricRecord, Results, Subject},
     study::Study,
     table::{Table, csv},
@@ -68,6 +69,7 @@ impl Report {
         }
         tables.extend(thresholds::tables(results));
         tables.extend(transfers::tables(results));
+        tables.extend(verdicts::tables(study, results, &all)?);
         tables.extend(pairs::tables(study, results)?);
         tables.extend(tests::tables(study, results)?);
         let notes = tests::braking(results) + &study.report.notes;
@@ -212,8 +214,7 @@ fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) ->
     for method in &methods {
         rows.push(row(method));
         let key = &results.keys[*method];
-        let own = |p: &&Published| (p.arm.is_empty() || p.arm == key.arm) && p.attack == key.attack_label();
-        if let Some(theirs) = published.iter().find(own) {
+        if let Some(theirs) = published.iter().find(|row| row.is_of(key)) {
             let mut cells = vec![String::new(); heads.len()];
             cells[0] = "*paper*".to_owned();
             let first = heads.len() - columns.len() - usize::from(knows);

@@ -5,7 +5,7 @@ mod key;
 use std::{collections::BTreeMap, fmt};
 
 use sage_core::{
-    metric::{Aggregate, Better, MetricInfo},
+    metric::{Aggregate, Better, MetricInfo, TwoSamples},
     text,
 };
 use serde::{Deserialize, Serialize};
@@ -167,6 +167,9 @@ impl Results {
             .collect();
         let mut sums = vec![vec![[0.0; 2]; self.scenes.len()]; seeds.len()];
         let mut values = vec![Vec::new(); self.scenes.len()];
+        let is_pooled = self.metrics_of(of.subject)[metric].aggregate == Aggregate::Pooled;
+        let pools = if is_pooled { seeds.len() } else { 0 };
+        let mut pools = vec![vec![TwoSamples::default(); self.scenes.len()]; pools];
         for (scene, cells) in self.cells.iter().enumerate() {
             for cell in cells {
                 let Some(seed) = of_key[cell.key] else { continue };
@@ -175,11 +178,15 @@ impl Results {
                 let sum = &mut sums[seed][scene];
                 *sum = [sum[0] + weight * value, sum[1] + weight];
                 values[scene].push(*value);
+                if let Some(pool) = pools.get_mut(seed) {
+                    let note = cell.notes.iter().find(|(of, _)| *of == metric);
+                    pool[scene] = note.and_then(|(_, text)| TwoSamples::parse(text)).unwrap_or_default();
+                }
             }
         }
         let has_agents = self.cells.iter().flatten().any(|cell| cell.key == method && !cell.agent.is_empty());
         let agents = has_agents.then(|| values.iter().map(Vec::len).sum());
-        Samples { seeds: sums, values, agents }
+        Samples { seeds: sums, values, agents, ..Samples::default() }.with_pools(&pools)
     }
 
     /// Number of scenes in which the method of a key failed.

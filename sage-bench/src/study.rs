@@ -8,12 +8,12 @@ use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_sim::{avoidable::AvoidanceOptions, search::SearchOptions};
 use serde::{Deserialize, Deserializer, Serialize};
 
-pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, ReportSpec};
+pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, ReportSpec, VerdictSpec};
 
 use crate::{part::PolicyPart, rows::Subject};
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 15] = [
+pub const SHIPPED: [(&str, &str); 20] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("front", include_str!("../studies/front.yaml")),
@@ -29,6 +29,11 @@ pub const SHIPPED: [(&str, &str); 15] = [
     ("search", include_str!("../studies/search.yaml")),
     ("threshold", include_str!("../studies/threshold.yaml")),
     ("transfer", include_str!("../studies/transfer.yaml")),
+    ("paper-table-replay", include_str!("../studies/paper-table-replay.yaml")),
+    ("paper-table-rl", include_str!("../studies/paper-table-rl.yaml")),
+    ("paper-table-expert", include_str!("../studies/paper-table-expert.yaml")),
+    ("paper-table-idm", include_str!("../studies/paper-table-idm.yaml")),
+    ("paper-ablation", include_str!("../studies/paper-ablation.yaml")),
 ];
 /// Most values of an axis of numbers.
 const MOST_VALUES: usize = 1001;
@@ -53,6 +58,9 @@ pub struct Study {
     /// Drivers under test. Without any, the ego is its recording.
     #[serde(deserialize_with = "parts")]
     pub ego: Vec<String>,
+    /// Paths of the ego that attacks on drivers are planned against; by default the drive before the attack.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub planned_against: Vec<PlannedAgainst>,
     /// Mergers of the experts.
     #[serde(deserialize_with = "parts")]
     pub merger: Vec<String>,
@@ -104,6 +112,16 @@ pub struct Study {
     pub metrics: BTreeMap<Subject, Vec<String>>,
     /// The report.
     pub report: ReportSpec,
+}
+
+/// A path of the ego that attacks on a driver are planned against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlannedAgainst {
+    /// The driver's drive in the unchanged scene, as in the paper's text.
+    Drive,
+    /// The recording, as in the published code.
+    Log,
 }
 
 /// Mixtures of three experts.

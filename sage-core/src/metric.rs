@@ -4,10 +4,12 @@
 //! is its type parameter: a trajectory ([`MeasuredTrajectory`]), and in other crates a drive, an attack on a driver, an
 //! episode, a policy without selection, or a prediction.
 
+mod pooled;
 mod trajectory;
 
 use std::{borrow::Cow, sync::Arc};
 
+pub use pooled::TwoSamples;
 pub use trajectory::{LogMeasures, MeasuredTrajectory, feasible_hit, trajectory_metrics};
 
 use crate::Error;
@@ -22,6 +24,8 @@ pub enum Aggregate {
     Mean,
     /// Median.
     Median,
+    /// Distance of two samples that are pooled over scenes; see [`Metric::pooled`].
+    Pooled,
 }
 
 /// Which values of a metric are better for who reads the table: more adverse attacks, or better drivers.
@@ -227,7 +231,8 @@ impl<S: ?Sized> Metrics<S> {
         &self.0
     }
 
-    /// The metrics that a list names, in its order. `*` stands for all that the list does not name and that take no search.
+    /// The metrics that a list names, in its order. `*` stands for all that the list does not name, that take no search, and
+    /// that are not pooled: the rows of pooled metrics hold all samples.
     ///
     /// *Errors*: [`Error::Unknown`] for a name that is not registered.
     pub fn chosen(&self, names: &[String]) -> Result<Vec<Metric<S>>, Error> {
@@ -237,6 +242,7 @@ impl<S: ?Sized> Metrics<S> {
                 let rest = self.0.iter().filter(|metric| {
                     !metric.info.is_costly
                         && !metric.info.varies
+                        && metric.info.aggregate != Aggregate::Pooled
                         && !names.iter().any(|n| *n == metric.info.name)
                 });
                 chosen.extend(rest.cloned());

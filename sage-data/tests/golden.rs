@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use sage_core::{
     motion::Trajectory,
-    objective::{Context, ContextOptions, Convention, Encounter, Scorer, Violations},
+    objective::{Context, ContextOptions, Convention, Encounter, LoggedProfile, Scorer, Violations},
     scene::SceneIndex,
 };
 use serde::Deserialize;
@@ -42,6 +42,9 @@ struct Release {
     wd_vel: f64,
     wd_acc: f64,
     wd_yaw_rate: f64,
+    wd_vel_script: f64,
+    wd_acc_script: f64,
+    wd_yaw_rate_script: f64,
 }
 
 #[derive(Deserialize)]
@@ -111,6 +114,15 @@ fn published_and_independent_values_are_reproduced() {
             ("wd_yaw_rate", distances.wd_yaw_rate.unwrap(), expected.wd_yaw_rate),
         ] {
             close(&what(&format!("release {field}")), found, expected);
+        }
+        let published = LoggedProfile::published(ctx.adversary());
+        let distances = published.distances(&ctx.candidate(trajectory.clone()), Convention::Release);
+        for (field, found, expected) in [
+            ("wd_vel_script", distances.wd_speed, expected.wd_vel_script),
+            ("wd_acc_script", distances.wd_acceleration, expected.wd_acc_script),
+            ("wd_yaw_rate_script", distances.wd_yaw_rate, expected.wd_yaw_rate_script),
+        ] {
+            close(&what(field), found.unwrap(), expected);
         }
 
         let ctx = context(Convention::Release, Some(false));

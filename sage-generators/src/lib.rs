@@ -74,7 +74,7 @@ pub use optimisers::StartFrom;
 pub use propose_and_select::ProposeAndSelect;
 pub use rule::{Rule, bezier};
 
-use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, RandomGoals};
+use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, ProposalOptions, RandomGoals};
 use sage_core::registry::Registry;
 
 /// The generators of this crate. Add a line here to register a new one.
@@ -83,6 +83,12 @@ use sage_core::registry::Registry;
 pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
     Registry::new("generator")
         .with::<MixedExperts>()?
+        .with_preset::<MixedExperts>(
+            "sage-published",
+            "experts mixed at lambda, the best of their 32 most likely goals",
+            "SAGE (ICLR 2026), candidates as in the published code",
+            &ProposalOptions::published(),
+        )?
         .with::<Prior>()?
         .with::<MostLikely>()?
         .with::<RandomGoals>()?

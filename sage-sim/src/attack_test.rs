@@ -13,7 +13,7 @@ use crate::{
     Error,
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::{Drive, Simulation, drive},
-    episode::{Episode, Progress, Verdict},
+    episode::{Episode, EpisodeContact, Progress, Verdict},
     policy::EgoPolicy,
     red_lights::over_red,
     scene::SimScene,
@@ -155,10 +155,20 @@ impl AttackOutcome {
         &self.scene.scene().tracks[number].id
     }
 
+    /// The first contact, if it is with the adversary.
+    fn hit(&self) -> Option<&EpisodeContact> {
+        self.episode.first_contacts().find(|contact| contact.contact.other.track == self.adversary)
+    }
+
+    /// Whether the first contact is with the adversary.
+    pub fn meets_adversary(&self) -> bool {
+        self.hit().is_some()
+    }
+
     /// The paper's reward: 10 (1 − t/80) at a contact with the adversary, else closeness. The horizon stays 80
     /// steps, although the episode ends at the contact.
     pub fn reward(&self) -> f64 {
-        let hit = self.episode.first_contacts().find(|c| c.contact.other.track == self.adversary);
+        let hit = self.hit();
         let path = self.episode.drive.motions.iter().skip(NOW + 1);
         let distances = path.zip(self.attack.points()).map(|(motion, p)| {
             let [x, y] = motion.position;
@@ -169,12 +179,12 @@ impl AttackOutcome {
         Encounter { contact, least_distance, steps: HORIZON }.reward(Convention::Paper)
     }
 
-    /// The published reward: the ego's path is cut at the end of the episode, so a contact scores little. `ctx` is
-    /// that of the attack.
-    pub fn reward_cut(&self, ctx: &Context) -> f64 {
+    /// The published reward, and whether the plan's box meets the ego's. The ego's path is cut at the end of the episode,
+    /// so a contact scores little. `ctx` is that of the attack.
+    pub fn reward_cut(&self, ctx: &Context) -> (f64, bool) {
         let motions = self.episode.drive.motions.iter().skip(NOW + 1);
         let path: Vec<_> = motions.map(|motion| motion.position).collect();
-        release_reward(self.attack.points(), ctx.size(), &path, ctx.ego_size()).0
+        release_reward(self.attack.points(), ctx.size(), &path, ctx.ego_size())
     }
 
     /// Frames at which the driver runs over red; `None` without a light ahead on its route.

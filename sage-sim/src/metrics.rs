@@ -66,8 +66,8 @@ pub struct MeasuredAttack {
     pub is_searched: bool,
     /// Frames at which the driver runs over red; `None` without a light ahead on its route.
     pub over_red: Option<Vec<usize>>,
-    /// The published reward, of the ego's path up to the end of the episode.
-    pub reward_cut: f64,
+    /// The published reward of the ego's path up to the end of the episode, and whether the plan meets this path.
+    pub reward_cut: (f64, bool),
 }
 
 impl MeasuredAttack {
@@ -113,6 +113,8 @@ pub fn attack_metrics() -> Result<Metrics<MeasuredAttack>, Error> {
         Metric::share("solid attack", |a: &A| Some(a.outcome.verdict.solid))
             .about("an attack in which the boxes overlap by 0.5 m or more")
             .more_is_better(),
+        Metric::share("attack, feasible or not", |a: &A| Some(a.outcome.meets_adversary()))
+            .about("the first contact is with the adversary"),
         Metric::share("any vehicle", |a: &A| Some(a.outcome.verdict.any_vehicle))
             .about("the published flag: the first contact is with any vehicle"),
         Metric::share("over red", |a: &A| a.over_red.as_ref().map(|frames| !frames.is_empty()))
@@ -123,7 +125,9 @@ pub fn attack_metrics() -> Result<Metrics<MeasuredAttack>, Error> {
         Metric::mean("R_adv", |a: &A| Some(a.outcome.reward()))
             .about("the paper's reward with the contact of the simulation")
             .more_is_better(),
-        Metric::mean("R_adv, path cut", |a: &A| Some(a.reward_cut))
+        Metric::share("attack, path cut", |a: &A| Some(a.reward_cut.1))
+            .about("the published success: the plan meets the ego's path up to its contact, feasible or not"),
+        Metric::mean("R_adv, path cut", |a: &A| Some(a.reward_cut.0))
             .about("the published reward: the ego's path ends at its contact"),
         Metric::mean("impact", |a: &A| a.hit().map(|c| c.impact_speed)).unit("m/s").about("of the attacks"),
         Metric::mean("time to react", searched(|found| found.time_to_react))

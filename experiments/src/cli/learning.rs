@@ -73,6 +73,7 @@ pub(crate) struct PretrainArgs {
 Examples:
   sage finetune scenes/ --splits docs/results/splits.json --split train \\
       --prior waymo --dev dev-scenes/ --out experts/
+  sage finetune scenes/ --prior waymo-paper --preset paper --out paper-experts/
   sage finetune --procedural 200 --prior procedural --out procedural-experts/")]
 pub(crate) struct FinetuneArgs {
     /// Scene files and folders for fine-tuning (default: procedural scenes).
@@ -89,19 +90,23 @@ pub(crate) struct FinetuneArgs {
     /// Weights of the prior: procedural, waymo, waymo-paper, a folder or a file; untrained:densetnt for initial weights.
     #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "procedural")]
     pub prior: String,
-    /// Maximum number of further role assignments (ego, adversary) per scene for fine-tuning.
-    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 3, value_parser = roles)]
-    pub roles: usize,
+    /// Maximum number of further role assignments (ego, adversary) per scene for fine-tuning (default: `roles` of the
+    /// options, else 3).
+    #[arg(long, help_heading = SCENE, value_name = "N", value_parser = roles)]
+    pub roles: Option<usize>,
     /// Edges in the features of the network: road boundaries alone as in the paper, or medians too (default:
-    /// `edges` of --config or --variants, else all; networks without the option keep their features).
+    /// `edges` of the options, else all; networks without the option keep their features).
     #[arg(long, help_heading = TRAINING, value_enum, value_name = "KIND")]
     pub edges: Option<Edges>,
-    /// JSON file of fine-tuning options, and `edges`; omitted options keep each expert's defaults.
+    /// JSON file of fine-tuning options, with `edges` and `roles`; omitted options keep each expert's defaults.
     #[arg(long, help_heading = TRAINING, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Tune the variants of a study, each as an expert, and draw their training curves: `ablation`, or a JSON file as for
-    /// --config.
+    /// Shipped options: `paper` for the paper's own set-up (200 epochs: hours).
     #[arg(long, help_heading = TRAINING, value_name = "NAME", conflicts_with = "config")]
+    pub preset: Option<String>,
+    /// Tune the variants of a study, each as an expert, and draw their training curves: `ablation`, `paper-ablation`,
+    /// `paper-parts`, or a JSON file as for --config.
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", conflicts_with_all = ["config", "preset"])]
     pub variants: Option<String>,
     /// Seed of candidates, pairs, training order and procedural scenes.
     #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
@@ -170,7 +175,7 @@ fn radius(text: &str) -> Result<f32, String> {
 }
 
 /// Maximum number of further role assignments per scene.
-const MOST_ROLES: usize = 64;
+pub(crate) const MOST_ROLES: usize = 64;
 
 fn roles(text: &str) -> Result<usize, String> {
     match text.parse() {

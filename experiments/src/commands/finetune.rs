@@ -2,155 +2,59 @@
 //! names others.
 
 mod curves;
+mod options;
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{sync::Arc, time::Instant};
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
     Backbone, MotionModel,
     features::EdgeKinds,
     parameters::Header,
     training::{
-        CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, Tunes, finetune,
-        role_assignments,
+        CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune, role_assignments,
     },
     weights::PRIOR_FILE,
 };
 use sage_bench::{table::Table, weights::NamedNetwork};
-use sage_core::{
-    objective::{Objective, ObjectiveSpec},
-    scene::SceneData,
-};
+use sage_core::{objective::Objective, scene::SceneData};
 use sage_generators::DIAL_FILE;
-use sage_merging::{ADVERSARIAL, ExpertFile, ExpertSet, LAWFUL, REALISTIC};
+use sage_merging::{ExpertFile, ExpertSet};
 use serde_json::{Map, Value, json};
+
+use options::{EDGES, Expert, RunOptions};
 
 use crate::{
     Outcome, Registries,
     cli::FinetuneArgs,
-    input, networks,
+    networks,
     output::{self, Run, RunState},
     progress,
     scenes::{self, Scenes},
 };
 
-/// Variants of the study `ablation`: the paper's table of ablations, its margins, and one model with other weights.
-const ABLATION: &str = "ablation";
-const VARIANTS: &str = include_str!("finetune/ablation.json");
-/// Option of networks whose features hold edges.
-const EDGES: &str = "edges";
 /// Maximum number of prepared scenes in memory, about 12 GB.
 const MOST_PREPARED: usize = 8192;
-
-/// An expert to be tuned.
-struct Expert {
-    name: String,
-    options: FinetuneOptions,
-    objective: Objective,
-}
-
-/// The experts of a run. Options of the config file apply to all experts; options under `experts` apply to
-/// one expert by name. Without `experts` there are a realistic, an adversarial and a lawful one. The file may also choose
-/// the edges of networks that have this option.
-fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<(Vec<Expert>, Option<EdgeKinds>)> {
-    let mut shared = match (&args.config, args.variants.as_deref()) {
-        (Some(path), _) => read_config(path)?,
-        (None, Some(ABLATION)) => serde_json::from_str(VARIANTS)?,
-        (None, Some(file)) => {
-            read_config(file.as_ref()).context("--variants: expected `ablation` or a file")?
-        }
-        (None, None) => Map::new(),
-    };
-    let all = || [REALISTIC, ADVERSARIAL, LAWFUL].map(|name| (name.to_owned(), json!({})));
-    let edges = shared.remove(EDGES).map(serde_json::from_value).transpose();
-    let edges: Option<EdgeKinds> = edges.context("`edges`: expected boundaries or all")?;
-    let own: Map<String, Value> = match shared.remove("experts") {
-        None => all().into_iter().collect(),
-        Some(Value::Object(experts)) if !experts.is_empty() => experts,
-        Some(other) => bail!("`experts` is `{other}`; expected an object of options by name"),
-    };
-    let prefix = args.config.as_ref().map_or(String::new(), |path| format!("`{}`: ", path.display()));
-    let mut experts = Vec::with_capacity(own.len());
-    for (name, own) in own {
-        check_name(&name)?;
-        let base = match &*name {
-            REALISTIC => FinetuneOptions::realistic(),
-            LAWFUL => FinetuneOptions::lawful(),
-            _ => FinetuneOptions::default(),
-        };
-        let rule = serde_json::to_value(&base.objective.feasibility)?;
-        let mut all = serde_json::to_value(base)?;
-        if let Some(all) = all.as_object_mut() {
-            all.extend(shared.clone());
-            let own =
-                own.as_object().with_context(|| format!("{prefix}expert `{name}`: expected an object"))?;
-            all.extend(own.clone());
-            if let Some(Value::String(preset)) = all.get("objective") {
-                let spec = ObjectiveSpec::preset(preset);
-                let spec = spec.with_context(|| {
-                    format!("{prefix}unknown objective `{preset}`; `sage list` shows the known ones")
-                })?;
-                all.insert("objective".to_owned(), serde_json::to_value(spec)?);
-            }
-            // The experts of a run share their rule; an objective that names none has that of the defaults.
-            if let Some(Value::Object(objective)) = all.get_mut("objective") {
-                objective.entry("feasibility").or_insert(rule);
-            }
-        }
-        let fail = || format!("{prefix}expert `{name}`");
-        let options: FinetuneOptions = serde_json::from_value(all).with_context(fail)?;
-        options.check().with_context(fail)?;
-        let objective = Objective::new(&options.objective, &registries.rewards, &registries.feasibilities);
-        let objective = objective.with_context(fail)?;
-        Measures::check(&objective).with_context(fail)?;
-        experts.push(Expert { name, options: FinetuneOptions { seed: args.seed, ..options }, objective });
-    }
-    // A fixed order: realistic, adversarial, then the others by name.
-    experts.sort_by_key(|expert| (expert.name != REALISTIC, expert.name != ADVERSARIAL, expert.name.clone()));
-    Ok((experts, args.edges.map(EdgeKinds::from).or(edges)))
-}
-
-/// Refuses names that are not plain file names, or that other files of the folder have.
-fn check_name(name: &str) -> Result<()> {
-    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '_';
-    if name.is_empty() || name.len() > 40 || !name.chars().all(is_plain) || ["prior", "last"].contains(&name)
-    {
-        bail!("an expert cannot be named `{}`: expected letters, digits, - and _", name.escape_debug());
-    }
-    Ok(())
-}
-
-fn read_config(path: &Path) -> Result<Map<String, Value>> {
-    let text = input::read_config(path)?;
-    let config: Map<String, Value> =
-        serde_json::from_str(&text).with_context(|| format!("`{}`", path.display()))?;
-    if config.contains_key("seed") {
-        bail!("`{}`: `seed` is given by --seed", path.display());
-    }
-    Ok(config)
-}
 
 /// The prior with some edges in its features. A network without this option keeps its features, also with the shipped
 /// variants; other edges that are asked for are an error.
 fn with_edges(
     loaded: NamedNetwork,
-    args: &FinetuneArgs,
-    edges_of_run: Option<EdgeKinds>,
+    run_options: &RunOptions,
     registries: &Registries,
 ) -> Result<NamedNetwork> {
     let NamedNetwork { network, mut header, name, note } = loaded;
     let mut options = network.options().clone();
     let Some(edges) = options.get_mut(EDGES) else {
-        let is_shipped = args.edges.is_none() && args.variants.as_deref() == Some(ABLATION);
         ensure!(
-            edges_of_run.is_none() || is_shipped,
+            run_options.edges.is_none() || run_options.edges_are_shipped,
             "the network `{}` has no option `edges`; omit --edges and `edges`",
             network.name()
         );
         return Ok(NamedNetwork { network, header, name, note });
     };
-    *edges = serde_json::to_value(edges_of_run.unwrap_or(EdgeKinds::All))?;
+    *edges = serde_json::to_value(run_options.edges.unwrap_or(EdgeKinds::All))?;
     let changed = registries.backbones.build(network.name(), &options)?;
     let network = changed.with_parameters(network.parameters().clone())?;
     header.options = options;
@@ -159,7 +63,8 @@ fn with_edges(
 
 pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let (experts, edges) = experts(args, registries)?;
+    let run_options = RunOptions::of(args, registries)?;
+    let RunOptions { experts, roles, .. } = &run_options;
     let objectives: Vec<&Objective> = experts.iter().map(|expert| &expert.objective).collect();
     let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities);
     let measures = measures.context("the experts of one run")?;
@@ -167,7 +72,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let mut results: Vec<String> =
         experts.iter().map(|expert| format!("{}.safetensors", expert.name)).collect();
     results.extend([PRIOR_FILE.to_owned(), "finetune.csv".to_owned()]);
-    let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, args, edges, registries)?;
+    let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, &run_options, registries)?;
     networks::announce(&loaded);
     let shared: Arc<dyn Backbone> = loaded.network.into();
     let prior = &*shared;
@@ -182,7 +87,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         .map(|expert| Ok((expert.name.clone(), serde_json::to_value(&expert.options)?)))
         .collect::<Result<_>>()?;
     let identity = json!({
-        "data": &data, "prior": prior.parameters().hash()?, "network": prior.options(), "seed": args.seed, "roles": args.roles,
+        "data": &data, "prior": prior.parameters().hash()?, "network": prior.options(), "seed": args.seed, "roles": roles,
         "options": options, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
     // A dial of other experts must not be used for these.
@@ -199,11 +104,13 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         return Ok(Outcome::Done);
     }
     let folder = run.folder();
-    let train = with_other_roles(train, args.roles);
-    let prepared = 2 * train.len() + dev.len();
+    let train = with_other_roles(train, *roles);
+    let is_mirrored = experts.iter().any(|expert| expert.options.mirror);
+    let images = if is_mirrored { 2 } else { 1 };
+    let prepared = images * train.len() + dev.len();
     ensure!(
         prepared <= MOST_PREPARED,
-        "{} role assignments, each in two mirror images, and {} scenes of --dev make {prepared} prepared scenes; at most {MOST_PREPARED} are held in memory (1.5 MB each): use fewer scenes or a smaller --roles",
+        "{} role assignments ({images} mirror images of each) and {} scenes of --dev make {prepared} prepared scenes; at most {MOST_PREPARED} are held in memory (1.5 MB each): use fewer scenes or a smaller --roles",
         train.len(),
         dev.len()
     );
@@ -211,7 +118,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         PreparedScene::all(prior, &train, false, &measures)?,
         PreparedScene::all(prior, &dev, false, &measures)?,
     );
-    let both = PreparedScene::all(prior, &train, true, &measures)?;
+    let mirrored = if is_mirrored { PreparedScene::all(prior, &train, true, &measures)? } else { Vec::new() };
     drop(train);
     progress::say(&format!(
         "decoded and evaluated every goal of {} role assignments (a scene with an ego and an adversary) ({:.0} s)",
@@ -219,10 +126,10 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         clock.elapsed().as_secs_f64()
     ));
     let count = plain.len();
-    let all: Vec<PreparedScene> = plain.into_iter().chain(both).collect();
+    let all: Vec<PreparedScene> = plain.into_iter().chain(mirrored).collect();
     let mut table = Table::new("", &HEADS);
     let mut reports = Vec::new();
-    for Expert { name, options, objective } in &experts {
+    for Expert { name, options, objective } in experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
         let state = folder.path().join(format!("{name}.state"));
         let identity = json!({"run": &identity, "expert": name});

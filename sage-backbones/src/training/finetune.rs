@@ -42,6 +42,9 @@ pub struct FinetuneOptions {
     /// Parameters that are tuned.
     #[serde(skip_serializing_if = "Tunes::is_scores")]
     pub tunes: Tunes,
+    /// Whether the interaction head is tuned. If not, it stays zero, as if the network had none.
+    #[serde(skip_serializing_if = "is_true")]
+    pub interaction_head: bool,
     /// Rule that forms pairs.
     pub pairing: Pairing,
     /// Least difference of the two rewards of a pair.
@@ -62,6 +65,9 @@ pub struct FinetuneOptions {
     pub batch: usize,
     /// Largest learning rate.
     pub rate: f64,
+    /// How the learning rate changes after the warm-up.
+    #[serde(skip_serializing_if = "Schedule::is_cosine")]
+    pub schedule: Schedule,
     /// Steps over which the learning rate rises.
     pub warm_up: u64,
     /// Maximum norm of the gradient of a step.
@@ -78,6 +84,7 @@ impl Default for FinetuneOptions {
         Self {
             objective: preset("natural-adversarial"),
             tunes: Tunes::Scores,
+            interaction_head: true,
             pairing: Pairing::Hierarchical,
             // About a second of contact time: pairs are between hits and misses rather than between misses.
             margin: 1.0,
@@ -89,6 +96,7 @@ impl Default for FinetuneOptions {
             epochs: 7,
             batch: 4,
             rate: 2e-3,
+            schedule: Schedule::Cosine,
             warm_up: 20,
             clip: 1.0,
             weight_decay: 0.3,
@@ -139,6 +147,10 @@ impl FinetuneOptions {
     }
 }
 
+fn is_true(value: &bool) -> bool {
+    *value
+}
+
 fn preset(name: &str) -> ObjectiveSpec {
     ObjectiveSpec::preset(name).unwrap_or_else(|| ObjectiveSpec {
         terms: Vec::new(),
@@ -161,6 +173,34 @@ pub enum Tunes {
 impl Tunes {
     fn is_scores(&self) -> bool {
         *self == Self::Scores
+    }
+}
+
+/// How the learning rate changes after the warm-up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Schedule {
+    /// Down to zero along half a cosine.
+    #[default]
+    Cosine,
+    /// Not at all, as in the paper.
+    Constant,
+}
+
+impl Schedule {
+    fn is_cosine(&self) -> bool {
+        *self == Self::Cosine
+    }
+
+    /// Share of the largest learning rate at one of `steps` steps, after a linear rise over `warm_up` steps.
+    fn share(self, step: u64, steps: u64, warm_up: u64) -> f64 {
+        let rise = ((step + 1) as f64 / (warm_up + 1) as f64).min(1.0);
+        match self {
+            Self::Cosine => {
+                rise * (0.5 + 0.5 * (std::f64::consts::PI * step as f64 / steps.max(1) as f64).cos())
+            }
+            Self::Constant => rise,
+        }
     }
 }
 
@@ -230,7 +270,11 @@ pub fn finetune(
         Tunes::Scores => BTreeSet::new(),
         Tunes::All => encoder_parameters(prior, &scenes[0])?,
     };
-    let is_tuned = |name: &str| prior.parameter_group(name).is_finetuned() || of_encoder.contains(name);
+    let is_tuned = |name: &str| {
+        let group = prior.parameter_group(name);
+        let is_left_out = group == ParameterGroup::Interaction && !options.interaction_head;
+        group.is_finetuned() && !is_left_out || of_encoder.contains(name)
+    };
     let mut trainer = Trainer::new(prior, is_tuned, loop_options.config())?;
     let mut task = Preferences { prior, scenes, expert: measures.expert(objective)?, options, callback };
     epochs::run(&mut task, &mut trainer, &loop_options, checkpoint)?;
@@ -270,7 +314,7 @@ impl<H: FnMut(&FinetuneRow) + Sync> Task for Preferences<'_, H> {
     }
 
     fn rate(&self, step: u64, steps: u64) -> f64 {
-        self.options.rate * schedule(step, steps, self.options.warm_up)
+        self.options.rate * self.options.schedule.share(step, steps, self.options.warm_up)
     }
 
     fn item_gradient(
@@ -382,12 +426,6 @@ fn scene_gradient(
 fn minus_log_sigmoid(x: &Tensor) -> candle_core::Result<Tensor> {
     let tail = ((x.abs()?.neg()?.exp()? + 1.0)?).log()?;
     x.neg()?.relu()? + tail
-}
-
-/// Share of the largest learning rate at a step: a linear rise, times a cosine down to zero.
-fn schedule(step: u64, steps: u64, warm_up: u64) -> f64 {
-    let rise = ((step + 1) as f64 / (warm_up + 1) as f64).min(1.0);
-    rise * (0.5 + 0.5 * (std::f64::consts::PI * step as f64 / steps.max(1) as f64).cos())
 }
 
 fn fields(row: &mut FinetuneRow) -> [&mut f64; 14] {

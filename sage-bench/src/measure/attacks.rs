@@ -29,7 +29,7 @@ use crate::{
     generators::BuiltGenerator,
     react::{self, WITHIN},
     rows::{Cell, Key, Subject},
-    study::Study,
+    study::{PlannedAgainst, Study},
 };
 
 /// Arm of attacks on the recording.
@@ -38,7 +38,7 @@ pub const RECORDING: &str = "recording";
 /// What was measured of a plan.
 #[derive(Default)]
 pub struct MeasuredPlan {
-    trajectory: Option<MeasuredTrajectory>,
+    trajectory: Option<Arc<MeasuredTrajectory>>,
     avoidable: Option<Avoidable>,
     /// Share of the ego's predictions that it touches.
     pub(super) samples_hit: Option<f64>,
@@ -56,12 +56,35 @@ pub struct Choice {
 impl MeasuredPlan {
     /// Whether it is an attack on the ego's path.
     pub(super) fn is_attack(&self) -> bool {
-        self.trajectory.as_ref().is_none_or(MeasuredTrajectory::is_attack)
+        self.trajectory.as_deref().is_none_or(MeasuredTrajectory::is_attack)
     }
 
     fn avoidable_attack(&self) -> Option<&Avoidable> {
         self.avoidable.as_ref().filter(|_| self.is_attack())
     }
+}
+
+/// An attacked drive, and the plan against the path that it was made for.
+struct PlanAndDrive {
+    attack: MeasuredAttack,
+    plan: Option<Arc<MeasuredTrajectory>>,
+}
+
+/// Prefix of metrics of the plan among those of attacked drives.
+const OF_PLAN: &str = "plan: ";
+
+/// Metrics of attacked drives, and those of their plans that are listed.
+fn attacked_metrics(registries: &Registries, listed: &[String]) -> Result<Metrics<PlanAndDrive>> {
+    let of_drive =
+        registries.metrics.attack.all().iter().map(|m| m.of_part(|a: &PlanAndDrive| Some(&a.attack)));
+    let names: Vec<String> =
+        listed.iter().filter_map(|name| Some(name.strip_prefix(OF_PLAN)?.to_owned())).collect();
+    let of_plan = registries.metrics.trajectory.chosen(&names)?.into_iter().map(|metric| {
+        let mut metric = metric.of_part(|a: &PlanAndDrive| a.plan.as_deref());
+        metric.info.name = format!("{OF_PLAN}{}", metric.info.name).into();
+        metric
+    });
+    Ok(Metrics::default().with_all(of_drive.chain(of_plan))?)
 }
 
 /// Metrics of a choice by the time to react.
@@ -99,7 +122,7 @@ pub struct Attacks {
     groups: Vec<Group>,
     keys: Vec<Key>,
     drives: Vec<Metric<UnattackedDrive>>,
-    attacked: Vec<Metric<MeasuredAttack>>,
+    attacked: Vec<Metric<PlanAndDrive>>,
     plans: Vec<Metric<MeasuredPlan>>,
     further: FurtherMeasures,
     /// Its feasibility rule decides whether an attack on a driver counts.
@@ -108,6 +131,8 @@ pub struct Attacks {
     search: AvoidanceOptions,
     searches: [bool; 2],
     targets: Vec<f64>,
+    /// Paths that attacks on drivers are planned against.
+    planned_against: Vec<PlannedAgainst>,
     measure: [bool; 3],
     seed: u64,
 }
@@ -150,7 +175,7 @@ impl Attacks {
             attack_names
                 .extend(missing.into_iter().filter(|name| !listed(Subject::AttackedDrive).contains(name)));
         }
-        let attacked = registries.metrics.attack.chosen(&attack_names)?;
+        let attacked = attacked_metrics(registries, &attack_names)?.chosen(&attack_names)?;
         let measure =
             [Subject::Drive, Subject::Trajectory, Subject::AttackedDrive].map(|s| study.measures(s));
         let is_costly = |infos: &[MetricInfo]| infos.iter().any(|info| info.is_costly);
@@ -167,6 +192,10 @@ impl Attacks {
             search: study.avoidable.unwrap_or_default(),
             searches,
             targets: study.react.clone(),
+            planned_against: match &study.planned_against[..] {
+                [] => vec![PlannedAgainst::Drive],
+                given => given.to_vec(),
+            },
             measure,
             seed: study.seed,
         };
@@ -190,10 +219,18 @@ impl Attacks {
                 let labels: Vec<String> =
                     labels.into_iter().flatten().filter(|label| !label.is_empty()).collect();
                 let arm = if labels.is_empty() { RECORDING.to_owned() } else { labels.join(", ") };
-                for (built, row) in
-                    group.built.iter().flat_map(|built| built.keys.iter().map(move |row| (built, row)))
-                {
+                let rows =
+                    group.built.iter().flat_map(|built| built.keys.iter().map(move |row| (built, row)));
+                let rows: Vec<_> = rows.collect();
+                let all = self.paths(ego).flat_map(|path| rows.iter().map(move |row| (path, row)));
+                for (path, (built, row)) in all {
+                    let made_against = match (path, self.planned_against.len()) {
+                        (_, 1) | (None, _) => "",
+                        (Some(PlannedAgainst::Drive), _) => "its drive",
+                        (Some(PlannedAgainst::Log), _) => "the log",
+                    };
                     let key = |subject, target, knows: &str| Key {
+                        made_against: made_against.to_owned(),
                         training_seed: group.training_seed,
                         attack: row.part().to_string(),
                         point: row.point.clone(),
@@ -215,6 +252,15 @@ impl Attacks {
             }
         }
         keys
+    }
+
+    /// The paths that attacks on an ego are planned against; one without a name for the recorded ego.
+    fn paths(&self, ego: Option<&Ego>) -> impl Iterator<Item = Option<PlannedAgainst>> {
+        let paths = match ego {
+            Some(_) => self.planned_against.iter().copied().map(Some).collect(),
+            None => vec![None],
+        };
+        paths.into_iter()
     }
 
     /// Cells of one ego from the number of its first key on; returns the number after its last key.
@@ -249,18 +295,20 @@ impl Attacks {
         }
         // Without an adversary there is nothing to attack with.
         let attacks = data.scene.adversary.is_some();
-        let mut prepared = ByPrior(Vec::new());
+        let mut prepared: Vec<_> = self.paths(ego).map(|path| (path, ByPrior(Vec::new()))).collect();
         for group in &self.groups {
-            let end = key + group.built.iter().map(|built| self.keys_of(built, ego)).sum::<usize>();
-            if attacks {
-                let (test, data) = match &test {
-                    Some((test, recorded)) => (Some(test), recorded),
-                    None => (None, data),
-                };
-                let prepared = prepared.get(group, |prior| self.prepare(data, prior));
-                self.of_group(prepared, group, test, key, result);
+            for (path, prepared) in &mut prepared {
+                let end = key + group.built.iter().map(|built| self.keys_of(built, ego)).sum::<usize>();
+                if attacks {
+                    let data = match (&test, path) {
+                        (Some((_, recorded)), Some(PlannedAgainst::Drive)) => recorded,
+                        _ => data,
+                    };
+                    let prepared = prepared.get(group, |prior| self.prepare(data, prior));
+                    self.of_group(prepared, group, test.as_ref().map(|(test, _)| test), key, result);
+                }
+                key = end;
             }
-            key = end;
         }
         key
     }
@@ -274,13 +322,15 @@ impl Attacks {
     fn keys_of_ego(&self, ego: Option<&Ego>) -> usize {
         let built = self.groups.iter().flat_map(|group| &group.built);
         usize::from(self.measure[0] && ego.is_some())
-            + built.map(|built| self.keys_of(built, ego)).sum::<usize>()
+            + self.paths(ego).count() * built.map(|built| self.keys_of(built, ego)).sum::<usize>()
     }
 
     fn prepare(&self, data: &SceneData, prior: &dyn Backbone) -> Result<Prepared<'_>> {
         data.scene.check_apart_now()?;
         let ctx = Arc::new(Context::new(&data.scene, &data.index, &ContextOptions::default())?);
-        let is_measured = self.measure[1] && self.targets.is_empty();
+        let of_plan = |metric: &Metric<PlanAndDrive>| metric.info.name.starts_with(OF_PLAN);
+        let is_shown = self.measure[1] || self.attacked.iter().any(of_plan);
+        let is_measured = is_shown && self.targets.is_empty();
         let measured = is_measured.then(|| MeasuredScene::new(ctx.clone(), data, prior, &self.further));
         let is_searched = self.searches[0] || !self.targets.is_empty();
         let avoidance = is_searched.then(|| Avoidance::new(&ctx, self.search));
@@ -332,12 +382,19 @@ impl Attacks {
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let (mut cells, mut key) = (Vec::new(), first);
         for (attack, point) in attacks.iter().zip(&built.points) {
+            let mut plan = None;
             if let Some(scene) = measured {
-                let trajectory = scene.measured(attack, seconds)?;
+                plan = Some(Arc::new(scene.measured(attack, seconds)?));
+            }
+            if let Some(trajectory) = plan.as_ref().filter(|_| self.measure[1]) {
                 let avoidable = avoidance.as_ref().map(|avoidance| avoidance.of(&trajectory.candidate));
                 let samples_hit = samples.as_ref().map(|samples| samples.share_hit(&trajectory.candidate));
-                let plan =
-                    MeasuredPlan { trajectory: Some(trajectory), avoidable, samples_hit, choice: None };
+                let plan = MeasuredPlan {
+                    trajectory: Some(trajectory.clone()),
+                    avoidable,
+                    samples_hit,
+                    choice: None,
+                };
                 cells.push(cell(key, &self.plans, &plan));
                 key += 1;
             }
@@ -351,14 +408,21 @@ impl Attacks {
                 }
             }
             if let Some(test) = test.filter(|_| self.measure[2]) {
-                cells.push(self.attacked_cell(attack, ctx, test, key)?);
+                cells.push(self.attacked_cell(attack, ctx, test, plan, key)?);
                 key += 1;
             }
         }
         Ok(cells)
     }
 
-    fn attacked_cell(&self, attack: &Attack, ctx: &Context, test: &AttackTest, key: usize) -> Result<Cell> {
+    fn attacked_cell(
+        &self,
+        attack: &Attack,
+        ctx: &Context,
+        test: &AttackTest,
+        plan: Option<Arc<MeasuredTrajectory>>,
+        key: usize,
+    ) -> Result<Cell> {
         attack.check(ctx.scene())?;
         let candidate = ctx.candidate(attack.trajectory().clone());
         let is_feasible = self.objective.evaluate(&candidate, ctx).is_feasible();
@@ -367,7 +431,7 @@ impl Attacks {
         let avoidable = if is_searched { outcome.avoidable(self.search)? } else { None };
         let (over_red, reward_cut) = (outcome.over_red(), outcome.reward_cut(ctx));
         let measured = MeasuredAttack { outcome, avoidable, is_searched, over_red, reward_cut };
-        Ok(cell(key, &self.attacked, &measured))
+        Ok(cell(key, &self.attacked, &PlanAndDrive { attack: measured, plan }))
     }
 }
 
@@ -378,7 +442,7 @@ fn plan_metrics(
     study: &Study,
 ) -> Result<Metrics<MeasuredPlan>> {
     let own = registries.metrics.trajectory.clone().with_parts(further.rewards(), further.rules())?;
-    let own = own.all().iter().map(|m| m.of_part(|p: &MeasuredPlan| p.trajectory.as_ref()));
+    let own = own.all().iter().map(|m| m.of_part(|p: &MeasuredPlan| p.trajectory.as_deref()));
     let of_search =
         registries.metrics.avoidable.all().iter().map(|m| m.of_part(MeasuredPlan::avoidable_attack));
     let of_choice = choice_metrics();

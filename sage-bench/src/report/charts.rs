@@ -124,7 +124,8 @@ fn published_points(study: &Study, results: &Results, chart: &ChartSpec) -> Resu
     };
     let point = |row: Published| {
         let at = [value(&row, &chart.x)?, value(&row, &chart.y)?];
-        is_drawn(&row.attack).then(|| (format!("paper: {}", row.attack), at))
+        let drawn = row.attack.iter().find(|attack| is_drawn(attack))?;
+        Some((format!("paper: {drawn}"), at))
     };
     Ok(published(name)?.into_iter().filter_map(point).collect())
 }

@@ -151,12 +151,20 @@ impl Key {
 
     /// Attack and operating point in a table.
     pub fn attack_label(&self) -> String {
+        let label = self.generator_label();
+        match &*self.made_against {
+            "" => label,
+            path if label.is_empty() => format!("made against {path}"),
+            path => format!("{label} made against {path}"),
+        }
+    }
+
+    /// Attack and operating point, without what the plan was made against.
+    pub fn generator_label(&self) -> String {
         let point = self.point.as_ref().map(OperatingPointSpec::label);
         let target = self.target.map(|target| format!("target {target}"));
         let attack = Some(self.attack.clone()).filter(|attack| !attack.is_empty());
-        let against = Some(&self.made_against).filter(|driver| !driver.is_empty());
-        let against = against.map(|driver| format!("made against {driver}"));
-        [attack, point, target, against].into_iter().flatten().collect::<Vec<_>>().join(" ")
+        [attack, point, target].into_iter().flatten().collect::<Vec<_>>().join(" ")
     }
 
     /// Seeds the bootstrap of its estimates.

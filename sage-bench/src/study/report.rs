@@ -24,12 +24,29 @@ pub struct ReportSpec {
     pub charts: Vec<ChartSpec>,
     /// Name of the published numbers that stand below the study's own.
     pub published: Option<String>,
+    /// Verdicts on the published numbers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdicts: Option<VerdictSpec>,
     /// Families of tests between trained policies.
     pub tests: Vec<Family>,
     /// Whether the strongest and the failed attacks of each method are drawn.
     pub pictures: bool,
     /// Explanation below the tables.
     pub notes: String,
+}
+
+/// How the study's numbers are compared with the published ones.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct VerdictSpec {
+    /// By metric: the largest half-width of the interval of a difference that still tells something.
+    pub within: BTreeMap<String, f64>,
+    /// By metric: why it may differ.
+    pub because: BTreeMap<String, String>,
+    /// Method that the others are ordered against, with its operating point.
+    pub reference: Option<String>,
+    /// Metrics of the orderings.
+    pub ordered: Vec<String>,
 }
 
 /// What is compared.

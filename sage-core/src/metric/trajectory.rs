@@ -8,7 +8,8 @@ use crate::{
     generator::Note,
     motion::{HORIZON, NOW},
     objective::{
-        Candidate, CollisionType, Context, Naturalness, Scorer, Scores, Situation, violation::MEDIAN,
+        Candidate, CollisionType, Context, LoggedProfile, Naturalness, Scorer, Scores, Situation,
+        violation::MEDIAN,
     },
 };
 
@@ -195,12 +196,59 @@ pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
                 .varying()
                 .less_is_better(),
         ])?
+        .with_all(pooled_distances())?
         .with_all(CollisionType::ALL.map(|kind| {
             Metric::share(format!("type: {}", kind.name()), move |t: &T| {
                 Some(t.is_attack() && t.collision_type() == Some(kind))
             })
             .about("an attack with a collision of this type")
         }))
+}
+
+/// Distances of speeds, accelerations and yaw rates from those of the log, pooled over scenes: with a right mask, and as the
+/// published evaluation takes them.
+fn pooled_distances() -> [Metric<MeasuredTrajectory>; 6] {
+    type T = MeasuredTrajectory;
+    let right = |of: fn([&Vec<f64>; 3]) -> &Vec<f64>| {
+        move |t: &T| {
+            let own = t.candidate.profile();
+            let log = LoggedProfile::of(&t.ctx);
+            let log = of([&log.speed, &log.acceleration, &log.yaw_rate]).clone();
+            (!log.is_empty()).then(|| [of([&own.speed, &own.acceleration, &own.yaw_rate]).clone(), log])
+        }
+    };
+    let published = |of: fn([&Vec<f64>; 3]) -> &Vec<f64>| {
+        move |t: &T| {
+            let own = t.release_ctx.candidate(t.candidate.trajectory().clone());
+            let own = own.profile();
+            let log = LoggedProfile::published(t.release_ctx.adversary());
+            let own = of([&own.speed, &own.acceleration_norm, &own.yaw_rate]).clone();
+            Some([own, of([&log.speed, &log.acceleration, &log.yaw_rate]).clone()])
+        }
+    };
+    let mistake =
+        "compared with a standing car, by the published mistake in a mask: the mean of the absolute values";
+    [
+        Metric::pooled("pooled WD speed", right(|[x, ..]| x))
+            .unit("m/s")
+            .about("distance of the speeds of all scenes from those of all logs")
+            .less_is_better(),
+        Metric::pooled("pooled WD acceleration", right(|[_, x, _]| x))
+            .unit("m/s²")
+            .about("the same of the accelerations")
+            .less_is_better(),
+        Metric::pooled("pooled WD yaw rate", right(|[.., x]| x))
+            .unit("rad/s")
+            .about("the same of the yaw rates")
+            .less_is_better(),
+        Metric::pooled("published WD speed", published(|[x, ..]| x)).unit("m/s").about(mistake),
+        Metric::pooled("published WD acceleration", published(|[_, x, _]| x))
+            .unit("m/s²")
+            .about("the same of the norms of acceleration vectors"),
+        Metric::pooled("published WD yaw rate", published(|[.., x]| x))
+            .unit("rad/s")
+            .about("the same of the yaw rates"),
+    ]
 }
 
 impl Metrics<MeasuredTrajectory> {

@@ -3,7 +3,8 @@
 //!
 //! In `paper` the profiles are the backward differences of [`paper::profile`] over pairs of valid
 //! neighbouring frames; each run of valid frames is separate. In `release` the valid frames are
-//! concatenated, and accelerations are norms of vectors.
+//! concatenated, and accelerations are norms of vectors. [`LoggedProfile::published`] is what the published evaluation
+//! compares with by mistake.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,9 +22,12 @@ use crate::{
 /// Speeds, accelerations and yaw rates of a logged future.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoggedProfile {
-    speed: Vec<f64>,
-    acceleration: Vec<f64>,
-    yaw_rate: Vec<f64>,
+    /// Speeds, m/s.
+    pub speed: Vec<f64>,
+    /// Accelerations, m/s².
+    pub acceleration: Vec<f64>,
+    /// Signed yaw rates, rad/s.
+    pub yaw_rate: Vec<f64>,
 }
 
 /// Distances of a candidate from the log; `None` if the log has no value to compare with.
@@ -67,6 +71,17 @@ impl LoggedProfile {
     fn release(track: &Track) -> Self {
         let valid = (NOW + 1..=NOW + HORIZON).filter(|&f| track.is_valid(f));
         let profile = release::profile(&valid.map(|f| track.point(f)).collect::<Vec<_>>());
+        Self { speed: profile.speed, acceleration: profile.acceleration_norm, yaw_rate: profile.yaw_rate }
+    }
+
+    /// What the published evaluation compares with: flags of validity are used as row numbers, so that each of the 80
+    /// points is the second logged one (valid frames) or the first (others). Where the adversary is valid throughout,
+    /// this is a standing car, and the distances are means of absolute values.
+    pub fn published(track: &Track) -> Self {
+        let point = |frame: usize| if track.is_valid(frame) { track.point(frame) } else { [0.0; 2] };
+        let [first, second] = [NOW + 1, NOW + 2].map(point);
+        let rows = (NOW + 1..=NOW + HORIZON).map(|f| if track.is_valid(f) { second } else { first });
+        let profile = release::profile(&rows.collect::<Vec<_>>());
         Self { speed: profile.speed, acceleration: profile.acceleration_norm, yaw_rate: profile.yaw_rate }
     }
 

@@ -43,19 +43,40 @@ const RETIMED_LOG_PRIOR: f32 = -1.5;
 pub struct ProposalOptions {
     /// Number of candidates; 48 by default, or 32 with a network that sees road boundaries alone.
     pub candidates: Option<usize>,
-    /// Least distance between the ends of candidates, metres.
+    /// Least distance between the ends of candidates, metres; 0 for the likeliest, however close.
     pub apart: f32,
+    /// Whether modes are also retimed.
+    pub retime: bool,
+    /// Whether candidates that no car can follow come last.
+    pub drivable: bool,
     /// Map and goal subsampling.
     pub subsampling: Subsampling,
 }
 
 impl Default for ProposalOptions {
     fn default() -> Self {
-        Self { candidates: None, apart: 6.0, subsampling: Subsampling::default() }
+        Self {
+            candidates: None,
+            apart: 6.0,
+            retime: true,
+            drivable: true,
+            subsampling: Subsampling::default(),
+        }
     }
 }
 
 impl ProposalOptions {
+    /// The options of `sage-published`: the 32 most likely of all goals.
+    pub fn published() -> Self {
+        Self {
+            candidates: Some(32),
+            apart: 0.0,
+            retime: false,
+            drivable: false,
+            subsampling: Subsampling::NONE,
+        }
+    }
+
     fn checked(self) -> Result<Self, String> {
         check_candidates(self.candidates)?;
         if !(0.0..=100.0).contains(&self.apart) {
@@ -185,13 +206,22 @@ impl Encoded {
         let trajectories: Vec<Extended> =
             trajectories.iter().map(|trajectory| Extended::new(trajectory, origin)).collect();
         let profiles = speed_profiles(encoding.features().edge_kinds);
-        let mut retimed = at_all_profiles(&profiles, &modes, &trajectories, &policy);
-        self.score_retimed(&*model, &mut retimed, &log_probs, &profiles, &trajectories)?;
+        // The first profile is the mode's own.
+        let profiles = if options.retime { &profiles[..] } else { &profiles[..1] };
+        let mut retimed = at_all_profiles(profiles, &modes, &trajectories, &policy);
+        if options.retime {
+            self.score_retimed(&*model, &mut retimed, &log_probs, profiles, &trajectories)?;
+        }
         let retimed = self.apart(retimed, draw.modes);
         let retimed_trajectories =
             retimed.iter().map(|p| profiles[p.profile].whole(&trajectories[p.trajectory]));
         let edges = encoding.features().edge_kinds.of(self.now.index());
-        let accepted = drivable(retimed_trajectories, draw.candidates, &self.body, edges)?;
+        let accepted = if options.drivable {
+            drivable(retimed_trajectories, draw.candidates, &self.body, edges)?
+        } else {
+            let likeliest = retimed_trajectories.enumerate().take(draw.candidates);
+            likeliest.map(|(k, trajectory)| Ok((k, trajectory?))).collect::<Result<_, Error>>()?
+        };
         let accepted_modes: Vec<usize> = accepted.iter().map(|(k, _)| retimed[*k].mode).collect();
         let accepted_modes = model.modes_of_prior(encoding, &accepted_modes)?;
         let nll = nll(&**prior, encoding, &accepted_modes, *with_nll)?;

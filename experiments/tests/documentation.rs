@@ -329,3 +329,56 @@ fn the_map_of_the_scenario_has_the_name_that_the_guide_shows() {
         assert!(page.contains(&format!("`{shown}")), "the page has no `{shown}`");
     }
 }
+
+/// Texts in code on a page, without fences.
+fn code_spans(text: &str) -> Vec<String> {
+    let mut is_fenced = false;
+    let lines = text.lines().filter(|line| {
+        let is_fence = line.trim_start().starts_with("```");
+        is_fenced ^= is_fence;
+        !is_fenced && !is_fence
+    });
+    let spans =
+        lines.flat_map(|line| line.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>());
+    spans.collect()
+}
+
+#[test]
+fn what_the_page_on_the_paper_names_exists() {
+    let spans = code_spans(&read("docs/paper.md"));
+    let help = |words: &[&str]| stdout(&sage(&[words, &["--help"]].concat())).to_owned();
+    let commands = help(&[]);
+    let studies = stdout(&sage(&["bench", "list"])).to_owned();
+    let sources: String =
+        files(&[".yaml", ".rs"]).iter().map(|file| fs::read_to_string(file).unwrap()).collect();
+    let (mut seen, mut named) = (BTreeSet::new(), 0);
+    for span in &spans {
+        if let Some(words) = span.strip_prefix("sage ") {
+            let words: Vec<&str> = words.split_whitespace().collect();
+            assert!(commands.contains(&format!("\n  {} ", words[0])), "`{span}`: no such command");
+            let parts: &[&str] =
+                if ["bench", "analyse"].contains(&words[0]) { &words[..2] } else { &words[..1] };
+            if words[0] == "bench" {
+                assert!(studies.contains(&format!("{} ", words[1])), "`{span}`: no such study");
+            }
+            let flags = words.iter().filter(|word| word.starts_with("--"));
+            let flags: Vec<&str> = flags.copied().collect();
+            if !flags.is_empty() {
+                let help = help(parts);
+                for flag in flags {
+                    assert!(help.contains(&format!("{flag} ")), "`{span}`: no option `{flag}`");
+                }
+            }
+            seen.insert(words[0]);
+            named += 1;
+        } else if span.contains('/') && span.contains('.') && !span.contains(' ') {
+            assert!(project().join(span).is_file(), "`{span}`: no such file");
+            named += 1;
+        } else if span.ends_with(".svg") {
+            let column = span.trim_end_matches(".svg").split('-').next().unwrap_or_default();
+            let is_made = sources.contains(span.as_str()) || sources.contains(&format!("\"{column}-{{"));
+            assert!(is_made, "`{span}`: no such picture");
+        }
+    }
+    assert!(named > 40 && seen.len() > 8, "{named} {seen:?}");
+}

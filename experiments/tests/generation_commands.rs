@@ -92,7 +92,7 @@ fn generate_changes_the_adversarys_future_and_nothing_else() {
 fn shipped_weights_are_read_from_their_folders() {
     let folder = tempfile::tempdir().unwrap();
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights");
-    let experts = ["procedural", "waymo", "waymo/query", "waymo-paper", "waymo-paper/query"];
+    let experts = ["procedural", "waymo", "waymo/query", "waymo-paper", "waymo-paper/query", "waymo-literal"];
     for name in experts.iter().filter(|name| shipped.join(name).is_dir()) {
         let (scene, weights) = (example(), shipped.join(name));
         let out = folder.path().join(name.replace('/', "-"));

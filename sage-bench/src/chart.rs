@@ -2,6 +2,7 @@
 
 pub mod bar;
 pub mod heat_map;
+pub mod learning;
 pub mod line;
 pub mod triangle;
 

@@ -13,7 +13,7 @@ pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, Repor
 use crate::{part::PolicyPart, rows::Subject};
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 20] = [
+pub const SHIPPED: [(&str, &str); 24] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("front", include_str!("../studies/front.yaml")),
@@ -34,6 +34,10 @@ pub const SHIPPED: [(&str, &str); 20] = [
     ("paper-table-expert", include_str!("../studies/paper-table-expert.yaml")),
     ("paper-table-idm", include_str!("../studies/paper-table-idm.yaml")),
     ("paper-ablation", include_str!("../studies/paper-ablation.yaml")),
+    ("paper-parts", include_str!("../studies/paper-parts.yaml")),
+    ("paper-pareto", include_str!("../studies/paper-pareto.yaml")),
+    ("paper-extrapolation", include_str!("../studies/paper-extrapolation.yaml")),
+    ("paper-cases", include_str!("../studies/paper-cases.yaml")),
 ];
 /// Most values of an axis of numbers.
 const MOST_VALUES: usize = 1001;

@@ -24,8 +24,10 @@ pub const DEFAULT: &str = "procedural";
 const WAYMO: &str = "waymo";
 /// The same prior with experts of the paper's objectives.
 const WAYMO_PAPER: &str = "waymo-paper";
+/// The same prior with experts tuned exactly as the paper says.
+const WAYMO_LITERAL: &str = "waymo-literal";
 /// Names of the weights that this project ships.
-pub const SHIPPED: [&str; 3] = [DEFAULT, WAYMO, WAYMO_PAPER];
+pub const SHIPPED: [&str; 4] = [DEFAULT, WAYMO, WAYMO_PAPER, WAYMO_LITERAL];
 /// Prefix of a backbone's name that selects its initial weights, as a baseline.
 const UNTRAINED: &str = "untrained:";
 
@@ -154,7 +156,7 @@ fn find(name: &str) -> Result<Weights> {
         DEFAULT => {
             Ok(Weights::Carried { name: "weights/procedural (in the binary)", files: sage_weights::PROCEDURAL })
         }
-        WAYMO | WAYMO_PAPER => recorded(name)?.map(Weights::File).ok_or_else(|| {
+        WAYMO | WAYMO_PAPER | WAYMO_LITERAL => recorded(name)?.map(Weights::File).ok_or_else(|| {
             Error::Unknown(format!(
                 "no weights `{name}`: there is no `weights/{name}/{PRIOR_FILE}` in this folder, and {WEIGHTS_VARIABLE} is not set or holds none; use the weights `procedural`, or a folder"
             ))
@@ -164,7 +166,8 @@ fn find(name: &str) -> Result<Weights> {
             let weights = Weights::at(Path::new(name));
             if matches!(&weights, Weights::File(file) if !file.is_file()) {
                 return Err(Error::Unknown(format!(
-                    "no weights `{name}`: expected `procedural`, `waymo`, `waymo-paper`, a file, or a folder that holds `{PRIOR_FILE}`"
+                    "no weights `{name}`: expected {}, a file, or a folder that holds `{PRIOR_FILE}`",
+                    SHIPPED.map(|name| format!("`{name}`")).join(", ")
                 ))
                 .into());
             }
@@ -197,7 +200,7 @@ fn recorded(name: &str) -> Result<Option<PathBuf>> {
 
 /// Folder of the weights with a name, if there is one.
 pub fn folder_of(name: &str) -> Option<PathBuf> {
-    let file = if [WAYMO, WAYMO_PAPER].contains(&name) { recorded(name).ok()? } else { None };
+    let file = if [WAYMO, WAYMO_PAPER, WAYMO_LITERAL].contains(&name) { recorded(name).ok()? } else { None };
     file.and_then(|file| Some(file.parent()?.to_owned()))
 }
 

@@ -3,7 +3,14 @@
 
 use std::sync::Arc;
 
-use sage_backbones::{backbones, weights::Weights};
+use sage_backbones::{
+    backbone::{finite, trajectories_in_world},
+    backbones,
+    candidates::ranked,
+    forecast::features_with_forecast,
+    subsampling::Subsampling,
+    weights::Weights,
+};
 use sage_core::{
     generator::{Knowledge, Note, Observation, OperatingPoint, Proposal},
     motion::{NOW, Trajectory},
@@ -13,7 +20,7 @@ use sage_core::{
 use sage_data::procedural::{Kind, generate};
 use sage_generators::{
     GeneratorInputs, generators,
-    proposers::MixedExperts,
+    proposers::{MixedExperts, ProposalOptions},
     selector::{CatSelector, Selector as _},
 };
 use sage_merging::{ExpertSet, mergers};
@@ -115,6 +122,47 @@ fn any_frame_may_be_now() {
 }
 
 #[test]
+fn published_candidates_are_the_likeliest_goals_in_their_order() {
+    let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
+    let inputs = inputs("paper-selection");
+    let observation = Observation::at(&scene, &SceneIndex::new(scene.map.clone()), NOW).unwrap();
+    let propose = |options: ProposalOptions| {
+        let proposer = MixedExperts(options).proposer(&inputs).unwrap();
+        let at = OperatingPoint::at(1.0, 1.0).mixture;
+        proposer.prepare(&observation).unwrap().propose(&at, 0).unwrap()
+    };
+    let published = propose(ProposalOptions::published());
+    // The same network and the same goals, without the generator.
+    let experts = inputs.experts.clone().unwrap();
+    let prior = experts.prior();
+    let adversary = scene.adversary_index().unwrap();
+    let features = features_with_forecast(&**prior, &observation, adversary, Subsampling::NONE).unwrap();
+    let encoding = prior.encode(Arc::new(features)).unwrap();
+    let weights = experts.experts().iter().find(|(name, _)| &**name == "adversarial").unwrap();
+    let model = experts.model(weights.1.clone()).unwrap();
+    let log_probs: Vec<f32> = finite(&model.log_probs(&encoding).unwrap()).unwrap();
+    let best = &ranked(&log_probs)[..32];
+    let expected =
+        trajectories_in_world(&model.trajectories(&encoding, best).unwrap(), encoding.features()).unwrap();
+    assert_eq!(published.len(), 32);
+    for (proposal, (mode, trajectory)) in published.iter().zip(best.iter().zip(&expected)) {
+        assert_eq!(proposal.log_prob, Some(f64::from(log_probs[*mode])));
+        let gap = proposal.trajectory.points().iter().zip(trajectory.points());
+        assert!(gap.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).all(|gap| gap < 1e-9));
+    }
+    // Each option does something on its own.
+    let default = || ProposalOptions { candidates: Some(32), ..ProposalOptions::default() };
+    let others = [
+        ProposalOptions { apart: 0.0, ..default() },
+        ProposalOptions { retime: false, ..default() },
+        ProposalOptions { drivable: false, ..default() },
+    ];
+    for options in others {
+        assert_ne!(propose(options), propose(default()), "{options:?}");
+    }
+}
+
+#[test]
 fn missing_inputs_are_named() {
     let none = GeneratorInputs { experts: None, ..inputs("natural") };
     let registry = generators().unwrap();
@@ -123,7 +171,9 @@ fn missing_inputs_are_named() {
         let built = kind.build(&none);
         assert_eq!(built.is_err(), kind.facts().needs_experts, "{}", entry.name);
         if let Err(error) = built {
-            assert!(error.to_string().starts_with(&format!("generator `{}` needs", entry.name)), "{error}");
+            // The message names the kind of generator of a preset.
+            let kind = entry.name.trim_end_matches("-published");
+            assert!(error.to_string().starts_with(&format!("generator `{kind}` needs")), "{error}");
         }
     }
 }

@@ -7,7 +7,7 @@ use pyo3::{
     prelude::*,
     types::{PyDict, PyString},
 };
-use sage_bench::{Registries, ego::Ego, part::PolicyPart};
+use sage_bench::{Registries, ego::Ego, part::PolicyPart, weights::SHIPPED};
 use sage_core::objective::PRESETS;
 use sage_data::procedural::Kind;
 use sage_sim::policy::EgoPolicy;
@@ -48,7 +48,7 @@ pub(crate) fn names(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("merger", of(&all.mergers))?;
     dict.set_item("selection", PRESETS.map(|(name, _)| name))?;
     dict.set_item("feasibility", of(&all.feasibilities))?;
-    dict.set_item("weights", ["procedural", "waymo", "waymo-paper"])?;
+    dict.set_item("weights", SHIPPED)?;
     dict.set_item("kind", Kind::ALL.map(Kind::name))?;
     dict.set_item("convention", ["paper", "release"])?;
     Ok(dict)

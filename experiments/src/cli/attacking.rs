@@ -151,7 +151,7 @@ pub(crate) struct AttackArgs {
     /// Use this track as the adversary.
     #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder (default: procedural).
+    /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder (default: procedural).
     #[arg(long, value_name = "NAME")]
     pub weights: Option<String>,
     /// Seed of random numbers.
@@ -214,7 +214,7 @@ pub(crate) struct CalibrateArgs {
     /// Number of procedural scenes if no PATH is given.
     #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
+    /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder.
     #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Comma-separated objectives to fit a dial for: names in `sage list`, or JSON files.

@@ -38,7 +38,7 @@ pub(crate) struct PretrainArgs {
     /// Options of the backbone as JSON, such as '{"hidden": 96}'.
     #[arg(long, help_heading = TRAINING, value_name = "JSON")]
     pub network: Option<String>,
-    /// Initial weights: procedural, waymo, waymo-paper, a folder or a file.
+    /// Initial weights: procedural, waymo, waymo-paper, waymo-literal, a folder or a file.
     #[arg(long, help_heading = TRAINING, value_name = "NAME")]
     pub from: Option<String>,
     /// Number of epochs: passes over the vehicles.
@@ -87,7 +87,7 @@ pub(crate) struct FinetuneArgs {
     /// Number of procedural scenes if no PATH is given.
     #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
-    /// Weights of the prior: procedural, waymo, waymo-paper, a folder or a file; untrained:densetnt for initial weights.
+    /// Weights of the prior: procedural, waymo, waymo-paper, waymo-literal, a folder or a file; untrained:densetnt for initial weights.
     #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "procedural")]
     pub prior: String,
     /// Maximum number of further role assignments (ego, adversary) per scene for fine-tuning (default: `roles` of the

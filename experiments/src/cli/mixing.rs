@@ -36,7 +36,7 @@ pub(crate) struct MergeArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage analyse connectivity --weights waymo --out connectivity/")]
 pub(crate) struct ConnectivityArgs {
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
+    /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     #[command(flatten)]

@@ -85,7 +85,7 @@ pub(crate) struct AxisArgs {
     /// Comma-separated mergers; with options as NAME{"option": value}.
     #[arg(long, alias = "mergers", value_name = "NAMES")]
     pub merger: Option<String>,
-    /// Comma-separated weights: procedural, waymo, waymo-paper, folders, or ARM=FOLDER, where several folders of one arm
+    /// Comma-separated weights: procedural, waymo, waymo-paper, waymo-literal, folders, or ARM=FOLDER, where several folders of one arm
     /// are its training seeds.
     #[arg(long, value_name = "NAMES")]
     pub weights: Vec<String>,

@@ -57,7 +57,7 @@ pub(crate) struct TheoryArgs {
     pub data: Option<Vec<PathBuf>>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
+    /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder.
     #[arg(long, help_heading = DIAGNOSTICS, value_name = "NAME", default_value = "procedural", requires = "data")]
     pub weights: String,
 }

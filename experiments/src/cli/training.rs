@@ -49,7 +49,7 @@ pub(crate) struct TrainEgoArgs {
     /// Generator of the attacks in the evaluation, or none.
     #[arg(long, help_heading = ATTACK, alias = "eval-generator", value_name = "NAME", default_value = "sage")]
     pub eval_method: Part,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
+    /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder.
     #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.

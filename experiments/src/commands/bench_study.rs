@@ -8,6 +8,7 @@ use std::{path::Path, sync::Arc};
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_backbones::Backbone;
 use sage_bench::{
+    chart::learning::{self, CURVES},
     measure::ExpertSource,
     plan::Plan,
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
@@ -189,6 +190,7 @@ pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Resu
     }
     let mut report = Report::new(&plan.study, &results)?;
     report.notes += &scenes.warnings_as_markdown();
+    report.files.extend(learning::charts(&curves_of(&plan.study)?)?);
     let record = StudyRecord::new(&plan.study, &results);
     if plan.study.report.pictures {
         gallery::write(run.folder(), &plan, &chosen, &results, &report)?;
@@ -211,6 +213,19 @@ pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Resu
     let pictures = if plan.study.report.pictures { ", index.html with pictures" } else { "" };
     progress::say(&format!("{}, {STUDY_RECORD}{pictures} are in `{}`", files_of(&report), out.display()));
     Ok(scenes.outcome())
+}
+
+/// The learning curves of the trainings of a study that have them: names and texts.
+fn curves_of(study: &Study) -> Result<Vec<(String, String)>> {
+    let runs = study.runs.iter().filter_map(|entry| entry.split_once('='));
+    let files = runs.map(|(name, folder)| (name, Path::new(folder).join(CURVES)));
+    let there = files.filter(|(_, file)| file.is_file());
+    let read = |(name, file): (&str, std::path::PathBuf)| {
+        let text =
+            files::read_text(&file, LIMIT).with_context(|| format!("cannot read `{}`", file.display()))?;
+        Ok((name.to_owned(), text))
+    };
+    there.map(read).collect()
 }
 
 /// True if a part measures a scene. The join reads all, to report on them.

@@ -463,3 +463,40 @@ fn mean(sum: &FinetuneRow, scenes: usize) -> FinetuneRow {
     }
     row
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_schedule_rises_and_then_falls_or_stays() {
+        let share = |schedule: Schedule, step| schedule.share(step, 100, 3);
+        for schedule in [Schedule::Cosine, Schedule::Constant] {
+            assert!((share(schedule, 0) - 0.25).abs() < 1e-12, "a quarter in the first of four steps");
+        }
+        assert_eq!([3, 50, 99].map(|step| share(Schedule::Constant, step)), [1.0; 3]);
+        assert!((share(Schedule::Cosine, 50) - 0.5).abs() < 1e-12 && share(Schedule::Cosine, 99) < 1e-3);
+        assert_eq!(Schedule::Constant.share(0, 100, 0), 1.0, "no warm-up");
+    }
+
+    #[test]
+    fn options_of_earlier_files_have_the_same_text() {
+        // Weights' headers and identities of runs hold this text.
+        let text = serde_json::to_string(&FinetuneOptions::default()).unwrap();
+        assert!(
+            !text.contains("schedule") && !text.contains("interaction_head") && !text.contains("tunes"),
+            "{text}"
+        );
+        let options = FinetuneOptions {
+            schedule: Schedule::Constant,
+            interaction_head: false,
+            ..FinetuneOptions::default()
+        };
+        let text = serde_json::to_string(&options).unwrap();
+        assert!(
+            text.contains(r#""schedule":"constant""#) && text.contains(r#""interaction_head":false"#),
+            "{text}"
+        );
+        assert_eq!(serde_json::from_str::<FinetuneOptions>(&text).unwrap(), options);
+    }
+}

@@ -31,8 +31,16 @@ pub struct ReportSpec {
     pub tests: Vec<Family>,
     /// Whether the strongest and the failed attacks of each method are drawn.
     pub pictures: bool,
+    /// Beside `pictures`: number of scenes in which all methods are drawn side by side, and of the least realistic
+    /// trajectories of each method.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub cases: usize,
     /// Explanation below the tables.
     pub notes: String,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// How the study's numbers are compared with the published ones.

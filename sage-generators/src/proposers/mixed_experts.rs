@@ -37,6 +37,9 @@ use crate::{
 /// Log-prior of a retimed speed profile.
 const RETIMED_LOG_PRIOR: f32 = -1.5;
 
+/// Polylines of a map in the features: all of them.
+const MOST_POLYLINES: usize = 128;
+
 /// Options of `sage` and `prior`.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -73,7 +76,13 @@ impl ProposalOptions {
             apart: 0.0,
             retime: false,
             drivable: false,
-            subsampling: Subsampling::NONE,
+            // Everything, in numbers that can be read.
+            subsampling: Subsampling {
+                max_polylines: MOST_POLYLINES,
+                dense_goal_radius: 1000.0,
+                ego_max_polylines: MOST_POLYLINES,
+                ego_goal_stride: 1,
+            },
         }
     }
 

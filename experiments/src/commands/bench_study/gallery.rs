@@ -48,9 +48,12 @@ pub(super) fn write(
     report: &Report,
 ) -> Result<()> {
     let methods = results.methods(Subject::Trajectory);
+    let shown_together = together(results, &methods, plan.study.report.cases)?;
     let mut cards = Vec::new();
     for (k, method) in methods.iter().enumerate() {
-        let named = cases(results, *method)?.into_iter();
+        let together = shown_together.iter().enumerate();
+        let together = together.map(|(number, scene)| (format!("case-{}", number + 1), *scene));
+        let named = cases(results, *method, plan.study.report.cases)?.into_iter().chain(together);
         cards.extend(named.map(|(which, scene)| Card { heading: k, method: *method, which, scene }));
     }
     let mut by_scene: BTreeMap<usize, Vec<&Card>> = BTreeMap::new();
@@ -69,13 +72,30 @@ pub(super) fn write(
     let figures = by_scene.into_par_iter().map(figures).collect::<Result<Vec<_>>>()?;
     let figures: BTreeMap<(usize, String), String> = figures.into_iter().flatten().collect();
     let row = |(k, method): (usize, &usize)| {
-        let of_method = cards.iter().filter(|card| card.heading == k);
+        let is_alone = |card: &&Card| card.heading == k && !card.which.starts_with("case-");
+        let of_method = cards.iter().filter(is_alone);
         let figures: String =
             of_method.filter_map(|card| figures.get(&(k, card.which.clone())).map(|f| &**f)).collect();
         let label = escaped(&results.keys[*method].attack_label());
         format!("<h2>{label}</h2><div class=row>\n{figures}</div>\n")
     };
-    let cards: String = methods.iter().enumerate().map(row).collect();
+    let case = |(number, scene): (usize, &usize)| {
+        let which = format!("case-{}", number + 1);
+        let of_case = (0..methods.len()).filter_map(|k| {
+            let figure = figures.get(&(k, which.clone()))?;
+            Some(figure.replace(
+                &format!("{which}: "),
+                &format!("{}: ", escaped(&results.keys[methods[k]].attack_label())),
+            ))
+        });
+        let figures: String = of_case.collect();
+        format!(
+            "<h2>All methods in {}</h2><div class=row>\n{figures}</div>\n",
+            escaped(&results.scenes[*scene])
+        )
+    };
+    let together: String = shown_together.iter().enumerate().map(case).collect();
+    let cards: String = together + &methods.iter().enumerate().map(row).collect::<String>();
     let title = escaped(&format!("sage bench {}", plan.study.study));
     let tables: String = report.tables.iter().map(html).collect();
     let page = format!(
@@ -86,19 +106,39 @@ pub(super) fn write(
     folder.write("index.html", page.as_bytes())
 }
 
+/// Number of a metric that pictures need.
+fn metric(results: &Results, name: &str) -> Result<usize> {
+    let number = results.metric(Subject::Trajectory, name);
+    number.with_context(|| format!("pictures need the metric `{name}`"))
+}
+
+fn value(results: &Results, method: usize, scene: usize, metric: usize) -> Option<f64> {
+    let cell = results.cells[scene].iter().find(|cell| cell.key == method);
+    cell.and_then(|cell| *cell.values.get(metric)?)
+}
+
+/// The scenes in which the most methods have a contact, the first of equals first; at most `count`.
+fn together(results: &Results, methods: &[usize], count: usize) -> Result<Vec<usize>> {
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    let contact = metric(results, "attack, feasible or not")?;
+    let hits = |scene: usize| {
+        methods.iter().filter(|method| value(results, **method, scene, contact) == Some(1.0)).count()
+    };
+    let mut scenes: Vec<usize> = (0..results.scenes.len()).collect();
+    scenes.sort_by_cached_key(|scene| std::cmp::Reverse(hits(*scene)));
+    scenes.truncate(count);
+    Ok(scenes)
+}
+
 /// The strongest believable attacks, and of the other scenes those closest to one: first attacks that are not
-/// believable, then trajectories without contact.
-fn cases(results: &Results, method: usize) -> Result<Vec<(String, usize)>> {
-    let metric = |name: &str| {
-        let number = results.metric(Subject::Trajectory, name);
-        number.with_context(|| format!("pictures need the metric `{name}`"))
-    };
+/// believable, then trajectories without contact; and some of the least realistic trajectories.
+fn cases(results: &Results, method: usize, unrealistic: usize) -> Result<Vec<(String, usize)>> {
     let [believable, contact, strength] =
-        [metric("believable")?, metric("attack, feasible or not")?, metric("R_adv")?];
-    let value = |scene: usize, metric: usize| {
-        let cell = results.cells[scene].iter().find(|cell| cell.key == method);
-        cell.and_then(|cell| *cell.values.get(metric)?)
-    };
+        ["believable", "attack, feasible or not", "R_adv"].map(|name| metric(results, name));
+    let [believable, contact, strength] = [believable?, contact?, strength?];
+    let value = |scene: usize, metric: usize| value(results, method, scene, metric);
     let measured = (0..results.scenes.len()).filter(|scene| value(*scene, strength).is_some());
     let (mut attacks, mut failed): (Vec<usize>, Vec<usize>) =
         measured.partition(|scene| value(*scene, believable) == Some(1.0));
@@ -108,11 +148,19 @@ fn cases(results: &Results, method: usize) -> Result<Vec<(String, usize)>> {
         let by = |metric| number(*b, metric).total_cmp(&number(*a, metric));
         by(contact).then(by(strength))
     });
-    let first = |name: &str, scenes: Vec<usize>| {
-        let named = scenes.into_iter().take(SHOWN).enumerate();
+    let first = |name: &str, count: usize, scenes: Vec<usize>| {
+        let named = scenes.into_iter().take(count).enumerate();
         named.map(|(k, scene)| (format!("{name}-{}", k + 1), scene)).collect::<Vec<_>>()
     };
-    Ok([first("strongest", attacks), first("failed", failed)].concat())
+    let mut all =
+        [first("strongest", SHOWN, attacks.clone()), first("failed", SHOWN, failed.clone())].concat();
+    if unrealistic > 0 {
+        let penalty = metric(results, "P_real")?;
+        let mut scenes = [attacks, failed].concat();
+        scenes.sort_by(|a, b| number(*b, penalty).total_cmp(&number(*a, penalty)));
+        all.extend(first("least-realistic", unrealistic, scenes));
+    }
+    Ok(all)
 }
 
 /// Draws an attack, and returns its picture with its verdict and the reasons as HTML.
@@ -130,7 +178,10 @@ fn figure(
     let scores = Scorer::new(&ctx).scores(&ctx.candidate(trajectory.clone()));
     let words = verdict(scores.believable, &scores.unbelievable).unwrap_or_else(|| "no contact".to_owned());
     let note = attack.note.as_ref().map_or(String::new(), |note| format!("; {note}"));
-    let caption = format!("{words}, R_adv {:.2}{note}", scores.adversarial_reward);
+    let mut caption = format!("{words}, R_adv {:.2}{note}", scores.adversarial_reward);
+    if plan.study.report.cases > 0 {
+        caption += &format!(", P_beh {:.2}, P_kin {:.2}", scores.behavior_penalty, scores.kinematic_penalty);
+    }
     let drawn = drawn_path(label, &ctx, trajectory);
     let picture = Picture { title: name.clone(), candidates: vec![drawn], ..Picture::default() };
     let Card { heading, which, .. } = card;

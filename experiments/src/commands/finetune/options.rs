@@ -161,3 +161,69 @@ fn read(path: &Path) -> Result<Map<String, Value>> {
     }
     Ok(config)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use sage_backbones::{
+        candidates::Selection,
+        training::{Schedule, Tunes},
+    };
+    use sage_core::preference_pairs::Pairing;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: FinetuneArgs,
+    }
+
+    fn options(args: &[&str]) -> RunOptions {
+        let args = [&["finetune", "--out", "x"], args].concat();
+        let args = Command::try_parse_from(args).unwrap().args;
+        RunOptions::of(&args, &Registries::shipped().unwrap()).unwrap()
+    }
+
+    #[test]
+    fn the_preset_is_the_papers_table() {
+        let run = options(&["--preset", "paper", "--seed", "2"]);
+        assert_eq!((run.roles, run.edges, run.edges_are_shipped), (0, Some(EdgeKinds::Boundaries), true));
+        let names: Vec<&str> = run.experts.iter().map(|expert| &*expert.name).collect();
+        assert_eq!(names, [REALISTIC, ADVERSARIAL]);
+        for (expert, weights) in run.experts.iter().zip([[0.1, -0.9], [0.9, -0.1]]) {
+            let o = &expert.options;
+            assert_eq!((o.candidates, o.selection, o.max_pairs), (32, Selection::TopK, 8));
+            assert_eq!((o.pairing, o.margin, o.kl_beta), (Pairing::Hierarchical, 0.2, 0.05));
+            assert_eq!((o.epochs, o.batch, o.rate, o.weight_decay), (200, 1, 1e-5, 0.01));
+            assert_eq!(
+                (o.schedule, o.warm_up, o.tunes, o.mirror),
+                (Schedule::Constant, 0, Tunes::All, false)
+            );
+            assert_eq!((o.interaction_head, o.seed), (true, 2));
+            let terms: Vec<f64> = o
+                .objective
+                .terms
+                .iter()
+                .map(|term| serde_json::to_value(term).unwrap()["weight"].as_f64().unwrap())
+                .collect();
+            assert_eq!(terms, weights, "{}", expert.name);
+        }
+    }
+
+    #[test]
+    fn shipped_configurations_are_read_and_flags_replace_them() {
+        for (name, _) in SHIPPED {
+            assert!(!options(&["--variants", name]).experts.is_empty(), "{name}");
+        }
+        let run = options(&["--preset", "paper", "--roles", "2", "--edges", "all"]);
+        assert_eq!((run.roles, run.edges, run.edges_are_shipped), (2, Some(EdgeKinds::All), false));
+        assert_eq!(options(&[]).roles, DEFAULT_ROLES);
+        // Each variant of the paper's ablations differs from its tuning in what its name says.
+        let ablation = options(&["--variants", "paper-ablation"]);
+        let paper = &options(&["--preset", "paper"]).experts[1].options;
+        let hgpo = &ablation.experts.iter().find(|expert| expert.name == "hgpo").unwrap().options;
+        assert_eq!(hgpo, paper);
+        assert!(ablation.experts.iter().all(|expert| expert.name == "hgpo" || expert.options != *paper));
+    }
+}

@@ -3,6 +3,7 @@
 mod checkpoint;
 mod epochs;
 mod finetune;
+mod finetune_options;
 mod goal_table;
 mod prepared_scene;
 mod pretrain;
@@ -12,7 +13,8 @@ mod step;
 
 pub use checkpoint::{Checkpoint, EpochRow};
 pub use epochs::CheckpointFile;
-pub use finetune::{FinetuneOptions, FinetuneRow, Schedule, Tunes, finetune};
+pub use finetune::{FinetuneRow, finetune};
+pub use finetune_options::{FinetuneOptions, Schedule, Tunes};
 pub use goal_table::{Expectation, ExpertObjective, GoalTable, Measures};
 pub use prepared_scene::PreparedScene;
 pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};

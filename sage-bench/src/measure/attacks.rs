@@ -1,22 +1,27 @@
 //! Generators against the recorded ego or against drivers: the selected trajectories, and what drivers do.
 
+mod metrics;
+
 use std::{path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
     generator::Attack,
-    metric::{MeasuredTrajectory, Metric, MetricInfo, Metrics},
+    metric::{MeasuredTrajectory, Metric, MetricInfo},
     objective::{Context, ContextOptions, FurtherMeasures, Objective},
     scene::SceneData,
 };
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
-    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+    avoidable::{Avoidance, AvoidanceOptions},
     metrics::MeasuredAttack,
     unattacked::UnattackedDrive,
 };
+
+pub use metrics::{Choice, MeasuredPlan};
+use metrics::{OF_PLAN, PlanAndDrive, attacked_metrics, plan_metrics};
 
 use super::{
     ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell,
@@ -27,84 +32,13 @@ use crate::{
     Registries,
     ego::Ego,
     generators::BuiltGenerator,
-    react::{self, WITHIN},
+    react,
     rows::{Cell, Key, Subject},
     study::{PlannedAgainst, Study},
 };
 
 /// Arm of attacks on the recording.
 pub const RECORDING: &str = "recording";
-
-/// What was measured of a plan.
-#[derive(Default)]
-pub struct MeasuredPlan {
-    trajectory: Option<Arc<MeasuredTrajectory>>,
-    avoidable: Option<Avoidable>,
-    /// Share of the ego's predictions that it touches.
-    pub(super) samples_hit: Option<f64>,
-    choice: Option<Choice>,
-}
-
-/// A choice by the time to react.
-pub struct Choice {
-    /// Time that is aimed at, s.
-    pub target: f64,
-    /// Time of the chosen candidate; `None` if no candidate is an avoidable attack.
-    pub time: Option<f64>,
-}
-
-impl MeasuredPlan {
-    /// Whether it is an attack on the ego's path.
-    pub(super) fn is_attack(&self) -> bool {
-        self.trajectory.as_deref().is_none_or(MeasuredTrajectory::is_attack)
-    }
-
-    fn avoidable_attack(&self) -> Option<&Avoidable> {
-        self.avoidable.as_ref().filter(|_| self.is_attack())
-    }
-}
-
-/// An attacked drive, and the plan against the path that it was made for.
-struct PlanAndDrive {
-    attack: MeasuredAttack,
-    plan: Option<Arc<MeasuredTrajectory>>,
-}
-
-/// Prefix of metrics of the plan among those of attacked drives.
-const OF_PLAN: &str = "plan: ";
-
-/// Metrics of attacked drives, and those of their plans that are listed.
-fn attacked_metrics(registries: &Registries, listed: &[String]) -> Result<Metrics<PlanAndDrive>> {
-    let of_drive =
-        registries.metrics.attack.all().iter().map(|m| m.of_part(|a: &PlanAndDrive| Some(&a.attack)));
-    let names: Vec<String> =
-        listed.iter().filter_map(|name| Some(name.strip_prefix(OF_PLAN)?.to_owned())).collect();
-    let of_plan = registries.metrics.trajectory.chosen(&names)?.into_iter().map(|metric| {
-        let mut metric = metric.of_part(|a: &PlanAndDrive| a.plan.as_deref());
-        metric.info.name = format!("{OF_PLAN}{}", metric.info.name).into();
-        metric
-    });
-    Ok(Metrics::default().with_all(of_drive.chain(of_plan))?)
-}
-
-/// Metrics of a choice by the time to react.
-fn choice_metrics() -> [Metric<Choice>; 4] {
-    let is_within = |c: &Choice| c.time.is_some_and(|time| (time - c.target).abs() <= WITHIN + 1e-9);
-    [
-        Metric::share("within", move |c: &Choice| Some(is_within(c)))
-            .about("the chosen time to react is within 0.25 s of the target")
-            .more_is_better(),
-        Metric::median("time within", move |c: &Choice| c.time.filter(|_| is_within(c)))
-            .unit("s")
-            .about("median of the times to react within 0.25 s of the target"),
-        Metric::median("time chosen", |c: &Choice| c.time)
-            .unit("s")
-            .about("median of all chosen times to react"),
-        Metric::share("choice", |c: &Choice| Some(c.time.is_some()))
-            .about("a candidate is an avoidable attack")
-            .more_is_better(),
-    ]
-}
 
 /// What all attacks on one ego share that are measured with one prior.
 struct Prepared<'a> {
@@ -433,24 +367,6 @@ impl Attacks {
         let measured = MeasuredAttack { outcome, avoidable, is_searched, over_red, reward_cut };
         Ok(cell(key, &self.attacked, &PlanAndDrive { attack: measured, plan }))
     }
-}
-
-/// All metrics of plans: of the trajectory with registered rewards and rules, of the search, of the choice.
-fn plan_metrics(
-    registries: &Registries,
-    further: &FurtherMeasures,
-    study: &Study,
-) -> Result<Metrics<MeasuredPlan>> {
-    let own = registries.metrics.trajectory.clone().with_parts(further.rewards(), further.rules())?;
-    let own = own.all().iter().map(|m| m.of_part(|p: &MeasuredPlan| p.trajectory.as_deref()));
-    let of_search =
-        registries.metrics.avoidable.all().iter().map(|m| m.of_part(MeasuredPlan::avoidable_attack));
-    let of_choice = choice_metrics();
-    let of_choice = of_choice.iter().filter(|_| !study.react.is_empty());
-    let of_choice = of_choice.map(|m| m.of_part(|p: &MeasuredPlan| p.choice.as_ref()));
-    let of_samples = ego_samples::metrics();
-    Ok(Metrics::default()
-        .with_all(own.chain(of_search).chain(of_samples).chain(of_choice).collect::<Vec<_>>())?)
 }
 
 impl Measurement for Attacks {

@@ -49,8 +49,10 @@ fn is_zero(count: &usize) -> bool {
 pub struct VerdictSpec {
     /// By metric: the largest half-width of the interval of a difference that still tells something.
     pub within: BTreeMap<String, f64>,
-    /// By metric: why it may differ.
+    /// Why a metric may differ: by `GENERATOR METRIC`, by generator, or by metric.
     pub because: BTreeMap<String, String>,
+    /// Metrics that are this number times a share of scenes.
+    pub share_times: BTreeMap<String, f64>,
     /// Method that the others are ordered against, with its operating point.
     pub reference: Option<String>,
     /// Metrics of the orderings.

@@ -99,7 +99,7 @@ fn a_study_is_checked_before_scenes_are_read() {
     ];
     let said = wrong.map(|(from, to)| (to, error(from, to)));
     assert_snapshot!("wrong_studies", messages(said));
-    assert_snapshot!(failure(&["bench", "nothing", "--out", text(&out)]), @"error: there is no study `nothing`; known: open-loop, drivers, front, pareto, dial, mixtures, prediction, closed-loop, ablation, experts, react, connectivity, search, threshold, transfer; or the file of a study (YAML)");
+    assert_snapshot!(failure(&["bench", "nothing", "--out", text(&out)]), @"error: there is no study `nothing`; known: open-loop, drivers, front, pareto, dial, mixtures, prediction, closed-loop, ablation, experts, react, connectivity, search, threshold, transfer, paper-table-replay, paper-table-rl, paper-table-expert, paper-table-idm, paper-ablation, paper-parts, paper-pareto, paper-extrapolation, paper-cases; or the file of a study (YAML)");
     assert!(!out.exists());
     assert_snapshot!("list_of_studies", stdout(&sage(&["bench", "list"])));
 }
@@ -183,4 +183,35 @@ fn a_part_of_another_crate_is_in_every_command() {
     ];
     let attacked = ["--method", "coast", "--out", at("trained")];
     stdout(&run(&program, &[&train[..], &small, &attacked].concat()));
+}
+
+#[test]
+fn studies_of_the_paper_run_on_any_scenes_and_their_reports_come_from_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| path_in(folder.path(), name);
+    stdout(&sage(&["scenes", "--count", "3", "--out", at("scenes")]));
+    let short = ["--weights", "procedural", "--lambda", "0,1"];
+    let with_methods = [&short[..], &["--method", "sage,sage-published,rule"]].concat();
+    for (name, options, has_verdicts) in [
+        ("paper-table-replay", &with_methods[..], true),
+        ("paper-table-idm", &with_methods, true),
+        ("paper-table-expert", &with_methods, true),
+        ("paper-table-rl", &with_methods, true),
+        ("paper-pareto", &short, false),
+        ("paper-extrapolation", &short, false),
+        ("paper-cases", &with_methods, false),
+    ] {
+        let out = at(name);
+        let bench = ["bench", name, at("scenes"), "--out", out];
+        let whole = stdout(&sage(&[&bench[..], options].concat())).to_owned();
+        assert_eq!(whole.contains("Ours less the paper's"), has_verdicts, "{name}");
+        assert_eq!(whole.contains("*paper*"), has_verdicts || name == "paper-pareto", "{name}");
+        // Pooled distances, too, are made again from rows.csv.
+        let again = ["bench", "report", out, "--out", at(&format!("{name}-again"))];
+        assert_eq!(stdout(&sage(&again)), whole, "{name}");
+    }
+    let page = fs::read_to_string(at("paper-cases/index.html")).unwrap();
+    assert!(page.contains("All methods in") && page.contains("least-realistic-1"));
+    let rows = fs::read_to_string(at("paper-table-idm/rows.csv")).unwrap();
+    assert!(rows.contains("the log") && rows.contains("its drive"));
 }

@@ -46,7 +46,7 @@ fn the_variants_of_the_ablation_are_tuned_and_compared_with_the_first() {
     assert!(table.contains("| sage hgpo=1.00 mu 1.00 | 3 |"), "{table}");
     assert!(table.contains("| sage dpo=1.00 mu 1.00 | sage hgpo=1.00 mu 1.00 |"), "{table}");
     // The shipped variants are known by name; they take long.
-    assert_snapshot!(redacted(&failure(&["finetune", "--variants", "nothing", "--out", text(&out)])), @"error: --variants: expected a file or one of paper, ablation, paper-ablation, paper-parts: cannot read `nothing`: No such file or directory (os error 2)");
+    assert_snapshot!(redacted(&failure(&["finetune", "--variants", "nothing", "--out", text(&out)])), @"error: --variants: expected a file or one of paper, ablation, paper-ablation, paper-parts, paper-reuse: cannot read `nothing`: No such file or directory (os error 2)");
 }
 
 #[test]

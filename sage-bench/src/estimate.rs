@@ -178,6 +178,9 @@ impl Samples {
         let value = statistics::mean(&self.by_seed())?;
         // Scenes without a value are in no resample, as they are in no mean.
         let drawn = resampled(&self.measured(), &mut rng, |scenes, rng| self.mean_of(scenes, rng));
+        if aggregate == Aggregate::Pooled {
+            return pooled::interval(value, n, &drawn);
+        }
         interval(value, n, &drawn)
     }
 

@@ -10,7 +10,7 @@ mod thresholds;
 mod transfers;
 mod verdicts;
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use anyhow::Result;
 use rayon::prelude::*;
@@ -76,7 +76,7 @@ impl Report {
         let mut files =
             vec![(ESTIMATES.to_owned(), estimates(results, &all)), (ROWS.to_owned(), rows_csv(results))];
         files.extend(charts::draw(study, results)?);
-        let report = Self { tables, words: words(study, results), notes: notes + INTERVALS, files };
+        let report = Self { tables, words: words(study, results), notes: notes + intervals(results), files };
         let page = report.markdown();
         Ok(Self { files: [vec![(PAGE.to_owned(), page)], report.files].concat(), ..report })
     }
@@ -280,6 +280,12 @@ fn words(study: &Study, results: &Results) -> Vec<(String, String)> {
 }
 
 /// How the intervals were made.
+fn intervals(results: &Results) -> &'static str {
+    let seeds: BTreeSet<Option<u64>> = results.keys.iter().map(|key| key.training_seed).collect();
+    if seeds.len() > 1 { INTERVALS_OF_SEEDS } else { INTERVALS }
+}
+
+const INTERVALS_OF_SEEDS: &str = "Brackets: 95 % intervals, bootstrap over scenes and training seeds, Wilson's for shares of a method with one seed; differences are paired by scene. Few seeds understate how much seeds differ. N: scenes or vehicles in which something was measured; in parentheses, where it is less for a column.\n";
 const INTERVALS: &str = "Brackets: 95 % intervals, Wilson's for shares of scenes, bootstrap over scenes for other values; differences are paired by scene. N: scenes or vehicles in which something was measured; in parentheses, where it is less for a column.\n";
 
 /// `estimates.csv`: one row per method and metric.

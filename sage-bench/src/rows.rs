@@ -174,14 +174,15 @@ impl Results {
             for cell in cells {
                 let Some(seed) = of_key[cell.key] else { continue };
                 let Some(Some(value)) = cell.values.get(metric) else { continue };
+                if let Some(pool) = pools.get_mut(seed) {
+                    let note = cell.notes.iter().find(|(of, _)| *of == metric);
+                    let Some(samples) = note.and_then(|(_, text)| TwoSamples::parse(text)) else { continue };
+                    pool[scene].append(samples);
+                }
                 let weight = weight.map_or(1.0, |k| cell.values[k].unwrap_or(0.0));
                 let sum = &mut sums[seed][scene];
                 *sum = [sum[0] + weight * value, sum[1] + weight];
                 values[scene].push(*value);
-                if let Some(pool) = pools.get_mut(seed) {
-                    let note = cell.notes.iter().find(|(of, _)| *of == metric);
-                    pool[scene] = note.and_then(|(_, text)| TwoSamples::parse(text)).unwrap_or_default();
-                }
             }
         }
         let has_agents = self.cells.iter().flatten().any(|cell| cell.key == method && !cell.agent.is_empty());

@@ -105,7 +105,7 @@ pub(crate) struct FinetuneArgs {
     #[arg(long, help_heading = TRAINING, value_name = "NAME", conflicts_with = "config")]
     pub preset: Option<String>,
     /// Tune the variants of a study, each as an expert, and draw their training curves: `ablation`, `paper-ablation`,
-    /// `paper-parts`, or a JSON file as for --config.
+    /// `paper-parts`, `paper-reuse`, or a JSON file as for --config.
     #[arg(long, help_heading = TRAINING, value_name = "NAME", conflicts_with_all = ["config", "preset"])]
     pub variants: Option<String>,
     /// Seed of candidates, pairs, training order and procedural scenes.

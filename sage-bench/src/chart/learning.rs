@@ -45,13 +45,17 @@ fn curves(text: &str) -> Result<BTreeMap<(usize, String), Vec<[f64; 2]>>> {
         let at: u64 = row[step].parse().with_context(|| format!("`{}` is no step", &row[step]))?;
         for (k, name) in DRAWN.iter().enumerate() {
             // A column is empty where nothing was measured.
-            let Ok(value) = row[column(name)?].parse::<f64>() else { continue };
+            let value = row[column(name)?].parse::<f64>().ok().filter(|x| x.is_finite());
+            let Some(value) = value else { continue };
             let sum = sums.entry((k, row[kind].to_owned())).or_default().entry(at).or_default();
             *sum = [sum[0] + value, sum[1] + 1.0];
         }
     }
+    // Where a seed ends early, a mean of the others would jump.
     let points = |sums: BTreeMap<u64, [f64; 2]>| {
-        sums.into_iter().map(|(at, [sum, n])| [at as f64 / 1000.0, sum / n]).collect()
+        let most = sums.values().fold(0.0, |most: f64, [_, n]| most.max(*n));
+        let whole = sums.into_iter().filter(|(_, [_, n])| *n == most);
+        whole.map(|(at, [sum, n])| [at as f64 / 1000.0, sum / n]).collect()
     };
     Ok(sums.into_iter().map(|(key, sums)| (key, points(sums))).collect())
 }

@@ -232,7 +232,8 @@ impl Attacks {
         let mut prepared: Vec<_> = self.paths(ego).map(|path| (path, ByPrior(Vec::new()))).collect();
         for group in &self.groups {
             for (path, prepared) in &mut prepared {
-                let end = key + group.built.iter().map(|built| self.keys_of(built, ego)).sum::<usize>();
+                let end =
+                    key + group.built.iter().map(|built| self.keys_of(built, ego.is_some())).sum::<usize>();
                 if attacks {
                     let data = match (&test, path) {
                         (Some((_, recorded)), Some(PlannedAgainst::Drive)) => recorded,
@@ -247,16 +248,16 @@ impl Attacks {
         key
     }
 
-    fn keys_of(&self, built: &BuiltGenerator, ego: Option<&Ego>) -> usize {
+    fn keys_of(&self, built: &BuiltGenerator, is_driven: bool) -> usize {
         let [_, trajectory, attacked] = self.measure;
         let of_plan = if self.targets.is_empty() { usize::from(trajectory) } else { self.targets.len() };
-        built.keys.len() * (of_plan + usize::from(attacked && ego.is_some()))
+        built.keys.len() * (of_plan + usize::from(attacked && is_driven))
     }
 
     fn keys_of_ego(&self, ego: Option<&Ego>) -> usize {
         let built = self.groups.iter().flat_map(|group| &group.built);
         usize::from(self.measure[0] && ego.is_some())
-            + self.paths(ego).count() * built.map(|built| self.keys_of(built, ego)).sum::<usize>()
+            + self.paths(ego).count() * built.map(|built| self.keys_of(built, ego.is_some())).sum::<usize>()
     }
 
     fn prepare(&self, data: &SceneData, prior: &dyn Backbone) -> Result<Prepared<'_>> {
@@ -281,10 +282,9 @@ impl Attacks {
         first: usize,
         result: &mut SceneResult,
     ) {
-        let ego = test.map(|_| &self.egos[0]);
         let mut key = first;
         for built in &group.built {
-            let end = key + self.keys_of(built, ego);
+            let end = key + self.keys_of(built, test.is_some());
             let known = prepared.as_ref().map_err(|error| anyhow!("{error:#}"));
             let cells = known.and_then(|prepared| self.of_generator(built, prepared, test, key));
             match cells {
@@ -398,7 +398,7 @@ impl Measurement for Attacks {
         }
         let mut first = 0;
         for built in self.groups.iter().flat_map(|group| &group.built) {
-            let end = first + self.keys_of(built, None);
+            let end = first + self.keys_of(built, false);
             if key < end && wanted.subject == Subject::Trajectory {
                 let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
                 return Ok(built.attack(&ctx, key - first, self.seed)?);

@@ -14,7 +14,7 @@ use crate::{
 const ARMS: &str = "arms";
 /// The first arm under the same attack.
 const FIRST: &str = "first";
-/// The first operating point of the same arm.
+/// The first operating point of the same arm and generator.
 const FIRST_POINT: &str = "first-point";
 /// What `with` may be besides a generator.
 pub(crate) const KINDS: [&str; 3] = [ARMS, FIRST, FIRST_POINT];
@@ -43,13 +43,25 @@ fn pairs(spec: &PairSpec, results: &Results) -> Vec<[usize; 2]> {
                 .collect()
         }
         FIRST_POINT => {
-            let is_first = |a: &usize| methods.iter().find(|k| key(**k).arm == key(*a).arm) == Some(a);
-            all.filter(|[a, b]| is_first(a) && key(*a).arm == key(*b).arm).map(|[a, b]| [b, a]).collect()
+            let is_same = |a: usize, b: usize| (&key(a).arm, &key(a).attack) == (&key(b).arm, &key(b).attack);
+            let is_first = |a: &usize| methods.iter().find(|k| is_same(**k, *a)) == Some(a);
+            all.filter(|[a, b]| is_first(a) && is_same(*a, *b)).map(|[a, b]| [b, a]).collect()
         }
         baseline => {
-            let own = |k: usize| generator(key(k)) == baseline;
-            let others = methods.iter().filter(|k| !own(**k));
-            others.filter_map(|k| Some([*k, base_of(*k, baseline, &methods, results)?])).collect()
+            let others = methods.iter().filter(|k| key(**k).attack != baseline);
+            // Variants of the baseline are compared with itself.
+            let itself = |k: usize| {
+                let is_there = |b: &&usize| {
+                    let has_same_point = (&key(k).arm, &key(k).point) == (&key(**b).arm, &key(**b).point);
+                    key(**b).attack == baseline && has_same_point
+                };
+                methods.iter().find(is_there).copied()
+            };
+            let base = |k: usize| match generator(key(k)) == baseline {
+                true => itself(k),
+                false => base_of(k, baseline, &methods, results),
+            };
+            others.filter_map(|k| Some([*k, base(*k)?])).collect()
         }
     }
 }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::{Aggregate, Metric};
 use crate::statistics::wasserstein;
 
-/// Two samples of a scene: each value as often as it occurs, in ascending order. Values are rounded to 32 bits, as they are
+/// Two samples of a scene: values in ascending order, each with how often it occurs. Values are rounded to 32 bits, as they are
 /// stored.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TwoSamples(pub [Vec<(f32, u32)>; 2]);
@@ -18,6 +18,14 @@ impl TwoSamples {
             sorted.sort_unstable_by(f32::total_cmp);
             sorted.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
         }))
+    }
+
+    /// Adds the values of others.
+    pub fn append(&mut self, others: Self) {
+        for (own, other) in self.0.iter_mut().zip(others.0) {
+            own.extend(other);
+            own.sort_by(|a, b| a.0.total_cmp(&b.0));
+        }
     }
 
     /// As text: values in ascending order, `*n` behind those that occur n times, the samples apart by `|`.

@@ -133,11 +133,11 @@ pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
                 .less_is_better(),
             Metric::mean("WD acceleration", |t: &T| t.paper.distances.wd_acceleration)
                 .unit("m/s²")
-                .about("the same of the accelerations")
+                .about("Wasserstein distance of the accelerations from those of the log")
                 .less_is_better(),
             Metric::mean("WD yaw rate", |t: &T| t.paper.distances.wd_yaw_rate)
                 .unit("rad/s")
-                .about("the same of the yaw rates")
+                .about("Wasserstein distance of the yaw rates from those of the log")
                 .less_is_better(),
             Metric::share("attack, feasible or not", |t: &T| t.paper.collision)
                 .about("the trajectory hits the ego"),
@@ -226,28 +226,34 @@ fn pooled_distances() -> [Metric<MeasuredTrajectory>; 6] {
             Some([own, of([&log.speed, &log.acceleration, &log.yaw_rate]).clone()])
         }
     };
-    let mistake =
-        "compared with a standing car, by the published mistake in a mask: the mean of the absolute values";
+    let pooled = |quantity: &str| {
+        format!("Wasserstein distance of the {quantity} of all scenes from those of all logs")
+    };
+    let mistaken = |quantity: &str| {
+        format!(
+            "distance of the {quantity} from those of a standing car, by the published mistake in a mask: the mean of their absolute values"
+        )
+    };
     [
         Metric::pooled("pooled WD speed", right(|[x, ..]| x))
             .unit("m/s")
-            .about("distance of the speeds of all scenes from those of all logs")
+            .about(pooled("speeds"))
             .less_is_better(),
         Metric::pooled("pooled WD acceleration", right(|[_, x, _]| x))
             .unit("m/s²")
-            .about("the same of the accelerations")
+            .about(pooled("accelerations"))
             .less_is_better(),
         Metric::pooled("pooled WD yaw rate", right(|[.., x]| x))
             .unit("rad/s")
-            .about("the same of the yaw rates")
+            .about(pooled("yaw rates"))
             .less_is_better(),
-        Metric::pooled("published WD speed", published(|[x, ..]| x)).unit("m/s").about(mistake),
+        Metric::pooled("published WD speed", published(|[x, ..]| x)).unit("m/s").about(mistaken("speeds")),
         Metric::pooled("published WD acceleration", published(|[_, x, _]| x))
             .unit("m/s²")
-            .about("the same of the norms of acceleration vectors"),
+            .about(mistaken("norms of the accelerations")),
         Metric::pooled("published WD yaw rate", published(|[.., x]| x))
             .unit("rad/s")
-            .about("the same of the yaw rates"),
+            .about(mistaken("yaw rates")),
     ]
 }
 

@@ -37,7 +37,7 @@ use crate::{
 /// Log-prior of a retimed speed profile.
 const RETIMED_LOG_PRIOR: f32 = -1.5;
 
-/// Polylines of a map in the features: all of them.
+/// Most polylines of a map that the features hold.
 const MOST_POLYLINES: usize = 128;
 
 /// Options of `sage` and `prior`.
@@ -76,7 +76,7 @@ impl ProposalOptions {
             apart: 0.0,
             retime: false,
             drivable: false,
-            // Everything, in numbers that can be read.
+            // All that the features hold.
             subsampling: Subsampling {
                 max_polylines: MOST_POLYLINES,
                 dense_goal_radius: 1000.0,

@@ -1,6 +1,6 @@
 //! The options of a run of fine-tuning: a configuration of the user's or a shipped one, on top of the defaults of each expert.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use sage_backbones::{
@@ -14,11 +14,12 @@ use serde_json::{Map, Value, json};
 use crate::{Registries, cli::FinetuneArgs, input};
 
 /// Shipped configurations by name: the paper's own set-up, and variants that are compared.
-const SHIPPED: [(&str, &str); 4] = [
+const SHIPPED: [(&str, &str); 5] = [
     ("paper", include_str!("paper.json")),
     ("ablation", include_str!("ablation.json")),
     ("paper-ablation", include_str!("paper-ablation.json")),
     ("paper-parts", include_str!("paper-parts.json")),
+    ("paper-reuse", include_str!("paper-reuse.json")),
 ];
 /// Option of networks whose features hold edges.
 pub(super) const EDGES: &str = "edges";
@@ -65,7 +66,8 @@ impl RunOptions {
             Some(Value::Object(experts)) if !experts.is_empty() => experts,
             Some(other) => bail!("`experts` is `{other}`; expected an object of options by name"),
         };
-        let prefix = args.config.as_ref().map_or(String::new(), |path| format!("`{}`: ", path.display()));
+        let file = args.config.clone().or_else(|| args.variants.as_ref().map(PathBuf::from));
+        let prefix = file.map_or(String::new(), |path| format!("`{}`: ", path.display()));
         let expert = |(name, own)| expert(name, &own, &shared, args.seed, &prefix, registries);
         let mut experts = own.into_iter().map(expert).collect::<Result<Vec<_>>>()?;
         experts.sort_by_key(|expert| {

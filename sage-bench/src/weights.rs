@@ -24,7 +24,7 @@ pub const DEFAULT: &str = "procedural";
 const WAYMO: &str = "waymo";
 /// The same prior with experts of the paper's objectives.
 const WAYMO_PAPER: &str = "waymo-paper";
-/// The same prior with experts tuned exactly as the paper says.
+/// The same prior with experts tuned with the paper's hyper-parameters.
 const WAYMO_LITERAL: &str = "waymo-literal";
 /// Names of the weights that this project ships.
 pub const SHIPPED: [&str; 4] = [DEFAULT, WAYMO, WAYMO_PAPER, WAYMO_LITERAL];

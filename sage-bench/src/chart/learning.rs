@@ -31,8 +31,11 @@ pub fn charts(trainings: &[(String, String)]) -> Result<Vec<(String, String)>> {
     drawn.into_iter().map(chart).collect()
 }
 
-/// Means over seeds at each step, by column and kind of scenes.
-fn curves(text: &str) -> Result<BTreeMap<(usize, String), Vec<[f64; 2]>>> {
+/// Points by the number of the column and the kind of scenes.
+type Curves = BTreeMap<(usize, String), Vec<[f64; 2]>>;
+
+/// Means over seeds at each step.
+fn curves(text: &str) -> Result<Curves> {
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let heads = reader.headers()?.clone();
     let column = |name: &str| {

@@ -1,7 +1,8 @@
 //! Estimates from rows: means, shares, medians and differences with 95 % intervals.
 //!
-//! There is one bootstrap, also for distances of samples that are pooled over scenes ([`pooled`]). A resample draws the scenes, once for all that is compared, so that differences are paired
-//! by scene, and for each method its training seeds, if it has several.
+//! There is one bootstrap, also for distances of samples that are pooled over scenes ([`Pool`]). A resample draws the scenes,
+//! once for all that is compared, so that differences are paired by scene, and for each method its training seeds, if it has
+//! several.
 
 use rayon::prelude::*;
 use sage_core::{

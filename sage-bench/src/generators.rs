@@ -12,7 +12,9 @@ use sage_generators::{Facts, GeneratorInputs};
 use sage_merging::{ExpertSet, Merger, Range};
 use sage_sim::{
     SimScene,
+    attack_test::{AttackPath, AttackTest},
     drive::Drive,
+    policy::Replay,
     rl::{Attacker, plan_of_generator},
     traffic::Plan,
 };
@@ -117,11 +119,30 @@ pub struct BuiltGenerator {
 }
 
 impl BuiltGenerator {
-    /// Attacks at all operating points.
+    /// Attacks at all operating points. An adversary that reacts has the path that it drives against the ego's recording.
     ///
     /// *Errors*: [`Error::ContactNow`], and those of the generator.
     pub fn attacks(&self, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
+        against_recording(self.generator.attacks(ctx, &self.points, seed)?, ctx, seed)
+    }
+
+    /// Attacks at all operating points on a driver. An adversary that reacts does so when it is driven.
+    ///
+    /// *Errors*: as [`BuiltGenerator::attacks`].
+    pub fn attacks_on_driver(&self, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
         self.generator.attacks(ctx, &self.points, seed)
+    }
+
+    /// The same; an adversary that reacts has the path that it drives against the driver of a test.
+    ///
+    /// *Errors*: as [`BuiltGenerator::attacks`], and those of the driver.
+    pub fn attacks_in_test(&self, ctx: &Context, test: &AttackTest, seed: u64) -> Result<Vec<Attack>> {
+        let driven = |attack: Attack| {
+            attack.check(ctx.scene())?;
+            let path = test.path_of(&attack)?.trajectory;
+            Ok(attack.driven(path, "the driver under test"))
+        };
+        self.attacks_on_driver(ctx, seed)?.into_iter().map(driven).collect()
     }
 
     /// The attack at one of the operating points, by its number.
@@ -129,7 +150,7 @@ impl BuiltGenerator {
     /// *Errors*: as [`BuiltGenerator::attacks`].
     pub fn attack(&self, ctx: &Context, number: usize, seed: u64) -> Result<Option<Attack>, Error> {
         let point = std::slice::from_ref(&self.points[number]);
-        Ok(self.generator.attacks(ctx, point, seed)?.into_iter().next())
+        Ok(against_recording(self.generator.attacks(ctx, point, seed)?, ctx, seed)?.into_iter().next())
     }
 
     /// The plan of the attack at one of the operating points, by its number, against a drive of the ego; without a drive against its
@@ -180,6 +201,27 @@ impl Attacker for BuiltGenerator {
         // A contact at now counts here, as in the published evaluation.
         plan_of_generator(&*self.generator.0, &point, scene, drive, seed)
     }
+}
+
+/// Attacks whose adversaries react get the path that they drive against the ego's recording.
+///
+/// *Errors*: an attack that is not one on this scene; those of the simulation.
+fn against_recording(attacks: Vec<Attack>, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
+    if attacks.iter().all(|attack| attack.reaction.is_none()) {
+        return Ok(attacks);
+    }
+    let id = &ctx.scene().id;
+    let in_scene = |error: sage_sim::Error| match error {
+        sage_sim::Error::Core(error) => error,
+        other => Error::Scene { scene: id.clone(), problem: other.to_string() },
+    };
+    let scene = SimScene::new(ctx.scene().clone(), ctx.index().clone()).map_err(in_scene)?;
+    let driven = |attack: Attack| {
+        attack.check(ctx.scene())?;
+        let path = AttackPath::driven(&Replay, &scene, &attack, seed).map_err(in_scene)?;
+        Ok(attack.driven(path.trajectory, "the ego's recording"))
+    };
+    attacks.into_iter().map(driven).collect()
 }
 
 /// Hashes of a prior and its experts, by name.

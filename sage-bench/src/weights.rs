@@ -108,9 +108,11 @@ impl NamedExperts {
     ///
     /// *Errors*: as [`NamedNetwork::load`].
     fn load_prior(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
-        let (prior, header) = find(name)?.prior(registry).with_context(|| format!("weights `{name}`"))?;
+        let source = find(name)?;
+        let (prior, header) = source.prior(registry).with_context(|| format!("weights `{name}`"))?;
         let note = note_without_hash(name, &header, &[]);
-        Ok(Self { name: name.to_owned(), experts: ExpertSet::of_prior(prior.into()), header, note })
+        let experts = ExpertSet::of_prior(prior.into()).from_source(source);
+        Ok(Self { name: name.to_owned(), experts, header, note })
     }
 
     /// What a generator needs of the weights that a user names, or of [`DEFAULT`]; its experts only if λ mixes them.

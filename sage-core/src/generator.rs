@@ -7,6 +7,7 @@ mod apart_now;
 mod attack;
 mod observation;
 mod operating_point;
+mod reaction;
 
 use std::fmt;
 
@@ -16,6 +17,7 @@ pub use apart_now::ApartNow;
 pub use attack::{Attack, Note, Proposal};
 pub use observation::Observation;
 pub use operating_point::{Mixture, OperatingPoint, corner};
+pub use reaction::{Reaction, ReactiveDriver, ReactivePolicy};
 
 /// Information that a generator uses beyond the observation up to *now*.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

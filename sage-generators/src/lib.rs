@@ -56,6 +56,7 @@ mod optimisers;
 mod propose_and_select;
 pub mod proposers;
 mod rule;
+mod seal;
 pub mod selector;
 mod speed_profile;
 
@@ -73,6 +74,7 @@ pub use mixtures::Mixtures;
 pub use optimisers::StartFrom;
 pub use propose_and_select::ProposeAndSelect;
 pub use rule::{Rule, bezier};
+pub use seal::{Seal, SealScore, learned_scores, relative_paths};
 
 use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, ProposalOptions, RandomGoals};
 use sage_core::registry::Registry;
@@ -94,6 +96,8 @@ pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
         .with::<RandomGoals>()?
         .with::<AllGoals>()?
         .with::<CatGoals>()?
+        .with::<SealScore>()?
+        .with::<Seal>()?
         .with::<King>()?
         .with_preset::<King>(
             "king-published",

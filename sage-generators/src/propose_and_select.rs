@@ -40,7 +40,7 @@ impl Generator for ProposeAndSelect {
                 } else {
                     (proposals.clone(), selection.chosen)
                 };
-                attacks[k] = Some(Attack { candidates, chosen, note: selection.note });
+                attacks[k] = Some(Attack::of(candidates, chosen, selection.note));
             }
         }
         Ok(attacks.into_iter().flatten().collect())

@@ -11,6 +11,7 @@ use sage_core::{
 };
 
 pub use best::{Best, best_of};
+pub(crate) use cat::{boxes, edges_cross};
 pub use cat::{CatSelection, CatSelector, cat_plan, cat_select};
 pub use first::First;
 

@@ -30,6 +30,7 @@ pub struct ExpertSet {
     experts: Arc<[(String, Parameters)]>,
     tunes: Tunes,
     unhashed: Arc<[PathBuf]>,
+    source: Option<Weights>,
 }
 
 /// Content of an expert's file.
@@ -167,12 +168,22 @@ impl ExpertSet {
             return Err(sage_backbones::Error::Format { path, problem }.into());
         }
         files.sort_by_key(|(name, _)| (name != REALISTIC, name != ADVERSARIAL, name.clone()));
-        Ok((Self::of_files(prior.into(), files)?, header))
+        Ok((Self::of_files(prior.into(), files)?.from_source(weights.clone()), header))
     }
 
     /// A prior without experts, for what needs no mixture.
     pub fn of_prior(prior: Arc<dyn Backbone>) -> Self {
-        Self { prior, experts: Arc::new([]), tunes: Tunes::Scores, unhashed: Arc::new([]) }
+        Self { prior, experts: Arc::new([]), tunes: Tunes::Scores, unhashed: Arc::new([]), source: None }
+    }
+
+    /// The same with the place that it was loaded from, where files of other networks lie beside the prior.
+    pub fn from_source(self, source: Weights) -> Self {
+        Self { source: Some(source), ..self }
+    }
+
+    /// Where it was loaded from; `None` if it was put together in memory.
+    pub fn source(&self) -> Option<&Weights> {
+        self.source.as_ref()
     }
 
     /// The experts of a prior from their files, by names of the caller.
@@ -242,7 +253,7 @@ impl ExpertSet {
                 return Err(sage_backbones::Error::Weights { what, problems }.into());
             }
         }
-        Ok(Self { prior, experts: experts.into(), tunes, unhashed: Arc::new([]) })
+        Ok(Self { prior, experts: experts.into(), tunes, unhashed: Arc::new([]), source: None })
     }
 
     /// Files of experts without a hash of their content, so that damage is not noticed.

@@ -267,7 +267,7 @@ pub(crate) fn of_state(scene: &SceneData, state: &str) -> Result<Attack> {
     let candidates = candidates
         .map(|CandidateState(trajectory, log_prob, goal, nll)| Proposal { trajectory, log_prob, goal, nll })
         .collect();
-    let attack = Attack { candidates, chosen: state.chosen, note: state.note };
+    let attack = Attack::of(candidates, state.chosen, state.note);
     attack.check(&scene.scene)?;
     Ok(attack)
 }

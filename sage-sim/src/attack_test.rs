@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use sage_core::{
+    generator::Attack,
     motion::{HORIZON, NOW, Trajectory},
     objective::{Context, ContextOptions, Convention, Encounter, release_reward},
     scene::Scene,
@@ -85,7 +86,26 @@ impl<'p> AttackTest<'p> {
         Some(progress)
     }
 
-    /// Drives again, against an attack.
+    /// The adversary's path in an attack: the plan, or what an adversary that reacts drives against this driver.
+    ///
+    /// *Errors*: as [`Episode::run`].
+    pub fn path_of(&self, attack: &Attack) -> Result<AttackPath, Error> {
+        AttackPath::driven(self.policy, &self.scene, attack, self.seed)
+    }
+
+    /// Drives again, against an attack; a drive of an adversary that reacts is not repeated.
+    ///
+    /// *Errors*: as [`Episode::run`].
+    pub fn attack_along(&self, path: AttackPath, is_feasible: bool) -> Result<AttackOutcome, Error> {
+        let AttackPath { trajectory, episode: Some(episode) } = path else {
+            return self.attack(&path.trajectory, is_feasible);
+        };
+        let adversary = self.scene.scene().adversary_index()?;
+        let verdict = episode.verdict(adversary, is_feasible, &self.unattacked);
+        Ok(AttackOutcome { scene: self.scene.clone(), attack: trajectory, adversary, episode, verdict })
+    }
+
+    /// Drives again, against a plan.
     ///
     /// *Errors*: as [`Episode::run`].
     pub fn attack(&self, attack: &Trajectory, is_feasible: bool) -> Result<AttackOutcome, Error> {
@@ -110,6 +130,39 @@ impl<'p> AttackTest<'p> {
         };
         let verdict = episode.verdict(adversary, is_feasible, &self.unattacked);
         Ok(AttackOutcome { scene: self.scene.clone(), attack: attack.clone(), adversary, episode, verdict })
+    }
+}
+
+/// The adversary's path in an attack.
+#[derive(Clone, Debug)]
+pub struct AttackPath {
+    /// Its positions at frames 11 to 90.
+    pub trajectory: Trajectory,
+    /// The driver's episode, if the adversary reacts: the path is that of this drive.
+    episode: Option<Episode>,
+}
+
+impl AttackPath {
+    /// The path of an attack on a policy. An adversary that reacts is driven against it.
+    ///
+    /// *Errors*: as [`Episode::run`].
+    pub fn driven(
+        policy: &dyn EgoPolicy,
+        scene: &Arc<SimScene>,
+        attack: &Attack,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        if attack.reaction.is_none() {
+            return Ok(Self::of(attack.trajectory().clone()));
+        }
+        let plan = Arc::new(Plan::of_attack(scene.scene(), attack)?);
+        let (episode, trajectory) = Episode::run_on(scene, plan, policy, seed)?;
+        Ok(Self { trajectory, episode: Some(episode) })
+    }
+
+    /// The path of an adversary that follows a plan.
+    pub fn of(trajectory: Trajectory) -> Self {
+        Self { trajectory, episode: None }
     }
 }
 

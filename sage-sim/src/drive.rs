@@ -12,6 +12,7 @@ use crate::{
     body::{Body, BodyKind, BodyShape},
     observation::{Driving, ObservationKind, Observed},
     policy::{ControlledVehicle, Driver, EgoPolicy, Knowledge, Shown, Start, View},
+    reacting::Reacting,
     route::{Localization, Route},
     scene::{LAST_FRAME, SimScene, guide},
     traffic::Plan,
@@ -41,6 +42,7 @@ pub struct Simulation {
     world: World,
     ego: InformedDriver,
     adversary: Option<(InformedDriver, [Route; 2])>,
+    reacting: Option<Reacting>,
     driving: Driving,
     observation: ObservationKind,
     is_posed: bool,
@@ -71,15 +73,25 @@ impl Simulation {
         policy: &dyn EgoPolicy,
         seed: u64,
     ) -> Result<Self, Error> {
+        let reacting = plan.as_deref().and_then(|plan| Reacting::of(plan, scene.scene()));
         let world = World::new(scene.clone(), options.clone(), plan, seed)?;
         let track = scene.scene().ego;
         let ego = InformedDriver { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
         let driving = Driving::start(scene.route(), Localization::Nearest, world.motion());
         let observation = ObservationKind::Corrected;
-        Ok(Self { world, ego, adversary: None, driving, observation, is_posed: false, shown: None })
+        Ok(Self {
+            world,
+            ego,
+            adversary: None,
+            reacting,
+            driving,
+            observation,
+            is_posed: false,
+            shown: None,
+        })
     }
 
-    /// Lets a policy drive the adversary, from now on.
+    /// Lets a policy drive the adversary, from now on. A reaction of its plan then does not happen.
     ///
     /// *Errors*: as [`World::drive_adversary`] and [`EgoPolicy::start`].
     pub fn with_adversary(mut self, policy: &dyn EgoPolicy, seed: u64) -> Result<Self, Error> {
@@ -91,6 +103,7 @@ impl Simulation {
         let driver =
             InformedDriver { driver: started(policy, &scene, track, seed)?, knowledge: policy.knows() };
         self.adversary = Some((driver, routes));
+        self.reacting = None;
         Ok(self)
     }
 
@@ -106,6 +119,7 @@ impl Simulation {
             world: self.world.clone(),
             ego: self.ego.try_clone()?,
             adversary,
+            reacting: self.reacting.clone(),
             shown: self.shown.clone(),
             ..*self
         })
@@ -115,6 +129,7 @@ impl Simulation {
     ///
     /// *Errors*: as [`World::new`].
     pub(crate) fn replace_plan(&mut self, plan: Arc<Plan>) -> Result<(), Error> {
+        self.reacting = Reacting::of(&plan, self.world.scene().scene());
         self.world.replace_plan(plan)
     }
 
@@ -138,6 +153,10 @@ impl Simulation {
     ///
     /// *Errors*: as [`Driver::control`] and [`World::step`].
     pub fn step(&mut self) -> Result<(), Error> {
+        let mut theirs = match &mut self.reacting {
+            Some(reacting) => reacting.control(&mut self.world)?,
+            None => None,
+        };
         let world = &self.world;
         let observed = Observed { driving: &self.driving, kind: self.observation };
         let scene = world.scene();
@@ -152,7 +171,6 @@ impl Simulation {
         let control =
             self.ego.driver.control(&View::new(world, vehicle, self.ego.knowledge, Some(observed)))?;
         self.shown = self.ego.driver.shown();
-        let mut theirs = None;
         if let (Some((driver, [route, log])), Some((motion, body))) =
             (&mut self.adversary, world.adversary_motion())
         {
@@ -193,7 +211,7 @@ fn started(
 }
 
 /// The ego as a body for others.
-fn ego_body(world: &World) -> Body {
+pub(crate) fn ego_body(world: &World) -> Body {
     let (scene, motion) = (world.scene().scene(), world.motion());
     Body {
         track: scene.ego,

@@ -21,7 +21,8 @@ pub use rules::{Outcome, Situation, assess};
 
 use crate::{
     Error,
-    observation::{Driving, LENGTH, Observed, observe},
+    observation::{Driving, LENGTH, Observed, Seat, observe},
+    reacting::Reacting,
     route::{Coordinates, Localization},
     scene::SimScene,
     traffic::Plan,
@@ -48,6 +49,7 @@ pub struct Environment {
     options: Arc<EnvironmentOptions>,
     world: World,
     driving: Driving,
+    reacting: Option<Reacting>,
     at: Coordinates,
     is_over: bool,
 }
@@ -65,12 +67,13 @@ impl Environment {
         plan: Option<Arc<Plan>>,
         seed: u64,
     ) -> Result<Self, Error> {
+        let reacting = plan.as_deref().and_then(|plan| Reacting::of(plan, scene.scene()));
         let world = World::new(scene, options.world.clone(), plan, seed)?;
         let how = options.localization();
         let route = world.scene().route();
         let at = route.locate(world.motion().position, how);
         let driving = Driving::start(route, how, world.motion());
-        Ok(Self { options, world, driving, at, is_over: false })
+        Ok(Self { options, world, driving, reacting, at, is_over: false })
     }
 
     /// Advances by one step of 0.1 s.
@@ -90,7 +93,7 @@ impl Environment {
             Control::Drive(action) => (action.limited(), false),
             Control::Pose { .. } => (Action::default(), self.options.late_navigation),
         };
-        self.world.step(control, None)?;
+        self.step_world(control)?;
         Ok(self.finish(action, is_late, None))
     }
 
@@ -99,8 +102,17 @@ impl Environment {
     /// *Errors*: as [`Environment::step`].
     pub fn step_recorded(&mut self, recorded: &Recorded) -> Result<Outcome, Error> {
         self.check_running()?;
-        self.world.step(Control::Pose { pose: recorded.pose, velocity: Some(recorded.velocity) }, None)?;
+        self.step_world(Control::Pose { pose: recorded.pose, velocity: Some(recorded.velocity) })?;
         Ok(self.finish(recorded.action, false, recorded.vehicle_contact))
+    }
+
+    /// Advances the world, with an adversary that may react.
+    fn step_world(&mut self, control: Control) -> Result<(), Error> {
+        let theirs = match &mut self.reacting {
+            Some(reacting) => reacting.control(&mut self.world)?,
+            None => None,
+        };
+        self.world.step(control, theirs)
     }
 
     fn check_running(&self) -> Result<(), Error> {
@@ -127,7 +139,7 @@ impl Environment {
 
     /// Writes the observation.
     pub fn observe(&self, out: &mut [f32; LENGTH]) {
-        observe(&self.world, &self.driving, self.options.observation, out);
+        observe(&Seat::of_ego(&self.world), &self.driving, self.options.observation, out);
     }
 
     /// What the observation is of, besides the world.

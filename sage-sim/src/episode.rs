@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use sage_core::{
     geometry::{OrientedBox, Point, norm, sub},
-    motion::NOW,
+    motion::{HORIZON, NOW, Trajectory},
     objective::{MIN_DEPTH, SideHit},
 };
 
@@ -21,6 +21,7 @@ use crate::{
     scene::SimScene,
     traffic::Plan,
     vehicle::SUBSTEP,
+    world::World,
 };
 
 pub use crate::scene::LAST_FRAME;
@@ -112,12 +113,18 @@ impl Progress {
     ///
     /// *Errors*: as [`Simulation::step`]; that of a planner holds the drive up to there.
     pub(crate) fn drive_to(&mut self, frame: usize) -> Result<(), Error> {
+        self.drive_on(frame, &mut |_| ())
+    }
+
+    /// The same; `each` is told of the world after each step.
+    fn drive_on(&mut self, frame: usize, each: &mut dyn FnMut(&World)) -> Result<(), Error> {
         let last = frame.min(self.last());
         let route = self.scene.window_length();
         while self.found == 0 && self.simulation.world().step_count() < last {
             if let Err(error) = self.simulation.step() {
                 return Err(error.with_drive(self.recorder.drive().clone()));
             }
+            each(self.simulation.world());
             self.found = self.recorder.record(&self.simulation);
             if route >= SHORTEST_LOG && self.recorder.drive().progress > ARRIVED * route {
                 self.arrived = self.arrived.or(Some(self.simulation.world().step_count()));
@@ -141,11 +148,33 @@ impl Progress {
         LAST_FRAME.min(self.scene.scene().frames - 1)
     }
 
+    /// Drives to the end, and on to the last frame for the path of an adversary that reacts at frames 11 to 90: it goes on
+    /// after a contact, which ends the episode. Beyond the recording, and where the driver fails after the end, it stays.
+    ///
+    /// *Errors*: as [`Progress::drive_to`].
+    fn finish_on(self, adversary: usize) -> Result<(Episode, Trajectory), Error> {
+        let mut path: Vec<Point> = Vec::with_capacity(HORIZON);
+        let episode = self.finish_with(true, &mut |world| {
+            let body = world.bodies().iter().find(|body| body.track == adversary);
+            let place = body.map(|body| body.area.center).or(path.last().copied());
+            path.extend(place.filter(|_| world.step_count() > NOW));
+        })?;
+        let end = path.last().copied().unwrap_or_default();
+        path.resize(HORIZON, end);
+        Ok((episode, Trajectory::new("path of the reacting adversary", path)?))
+    }
+
     /// Drives to the end.
     ///
     /// *Errors*: as [`Progress::drive_to`].
-    pub(crate) fn finish(mut self) -> Result<Episode, Error> {
-        self.drive_to(LAST_FRAME)?;
+    pub(crate) fn finish(self) -> Result<Episode, Error> {
+        self.finish_with(false, &mut |_| ())
+    }
+
+    /// Drives to the end, and with `goes_on` further to the last frame, although that is not part of the episode. `each` is
+    /// told of the world after each step.
+    fn finish_with(mut self, goes_on: bool, each: &mut dyn FnMut(&World)) -> Result<Episode, Error> {
+        self.drive_on(LAST_FRAME, each)?;
         let last = self.last();
         let Self { mut simulation, mut recorder, arrived, found, scene } = self;
         let route = scene.window_length();
@@ -153,11 +182,15 @@ impl Progress {
         let overlaps = if found == 0 {
             Vec::new()
         } else if simulation.is_posed() {
-            replayed_overlaps(&mut simulation, &mut recorder, last)?
+            replayed_overlaps(&mut simulation, &mut recorder, last, each)?
         } else {
             drive.contacts.iter().map(overlap_ahead).collect()
         };
-        let (car, is_posed) = (simulation.world().car(), simulation.is_posed());
+        let is_posed = simulation.is_posed();
+        while goes_on && simulation.world().step_count() < last && simulation.step().is_ok() {
+            each(simulation.world());
+        }
+        let car = simulation.world().car();
         let all = recorder.finish();
         let contact = |(contact, overlap): (&DriveContact, f64)| {
             // A posed ego is where it is at the frame, as in the scores of an attack.
@@ -197,6 +230,19 @@ impl Episode {
         seed: u64,
     ) -> Result<Self, Error> {
         Progress::start(scene, plan, policy, seed)?.finish()
+    }
+
+    /// The same with a plan of an adversary that reacts, and the path that it drives.
+    ///
+    /// *Errors*: as [`Episode::run`].
+    pub(crate) fn run_on(
+        scene: &Arc<SimScene>,
+        plan: Arc<Plan>,
+        policy: &dyn EgoPolicy,
+        seed: u64,
+    ) -> Result<(Self, Trajectory), Error> {
+        let adversary = plan.track;
+        Progress::start(scene, Some(plan), policy, seed)?.finish_on(adversary)
     }
 
     /// Number of steps, which is also the last frame.
@@ -250,6 +296,7 @@ fn replayed_overlaps(
     simulation: &mut Simulation,
     recorder: &mut Recorder,
     last: usize,
+    each: &mut dyn FnMut(&World),
 ) -> Result<Vec<f64>, Error> {
     let mut deepest: Vec<f64> = Vec::new();
     loop {
@@ -264,6 +311,7 @@ fn replayed_overlaps(
             break;
         }
         simulation.step()?;
+        each(simulation.world());
         recorder.record(simulation);
     }
     let contacts = &recorder.drive().contacts;

@@ -61,6 +61,41 @@ pub enum ObservationKind {
     MetaDrive,
 }
 
+/// The car from which a world is seen.
+#[derive(Clone, Copy)]
+pub struct Seat<'a> {
+    /// The world.
+    pub world: &'a World,
+    /// Its motion.
+    pub motion: &'a Motion,
+    /// Its motion one step ago.
+    pub before: &'a Motion,
+    /// Its route.
+    pub route: &'a Route,
+    /// All other road users.
+    pub others: &'a [Body],
+    /// Height of the ground under it, metres.
+    pub ground: f64,
+}
+
+impl<'a> Seat<'a> {
+    /// The ego's.
+    pub fn of_ego(world: &'a World) -> Self {
+        Self {
+            world,
+            motion: world.motion(),
+            before: world.motion_before(),
+            route: world.scene().route(),
+            others: world.bodies(),
+            ground: world.level(),
+        }
+    }
+
+    fn is_level(&self, height: f64) -> bool {
+        self.world.are_level(height, self.ground)
+    }
+}
+
 /// What an observation is of, besides the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Observed<'a> {
@@ -74,7 +109,7 @@ impl Observed<'_> {
     /// The numbers.
     pub fn numbers(self, world: &World) -> Box<[f32; LENGTH]> {
         let mut numbers = Box::new([0.0; LENGTH]);
-        observe(world, self.driving, self.kind, &mut numbers);
+        observe(&Seat::of_ego(world), self.driving, self.kind, &mut numbers);
         numbers
     }
 }
@@ -165,17 +200,16 @@ static BEAM_TABLES: LazyLock<([Point; BEAMS], [Point; LINE_BEAMS])> = LazyLock::
     (std::array::from_fn(|k| unit(k, BEAMS)), std::array::from_fn(|k| unit(k, LINE_BEAMS)))
 });
 
-/// Writes the observation of a world.
-pub fn observe(world: &World, driving: &Driving, kind: ObservationKind, out: &mut [f32; LENGTH]) {
-    let motion = world.motion();
-    let (sin, cos) = motion.heading.sin_cos();
+/// Writes the observation of a car.
+pub fn observe(seat: &Seat, driving: &Driving, kind: ObservationKind, out: &mut [f32; LENGTH]) {
+    let (sin, cos) = seat.motion.heading.sin_cos();
     let axis = [cos, sin];
     let mut write = |at: usize, value: f64| out[at] = (value as f32).clamp(0.0, 1.0);
-    lines(world, axis, &mut write);
-    own(world, driving, kind, &mut write);
-    navigation(world.scene().route(), driving, kind, &mut write);
-    nearest(world, axis, kind, &mut write);
-    lidar(world, axis, kind, &mut write);
+    lines(seat, axis, &mut write);
+    own(seat, driving, kind, &mut write);
+    navigation(seat.route, driving, kind, &mut write);
+    nearest(seat, axis, kind, &mut write);
+    lidar(seat, axis, kind, &mut write);
 }
 
 fn turned(axis: Point, beam: Point) -> Point {
@@ -183,17 +217,17 @@ fn turned(axis: Point, beam: Point) -> Point {
 }
 
 /// Beams to lines; the first points to the left.
-fn lines(world: &World, axis: Point, write: &mut impl FnMut(usize, f64)) {
+fn lines(seat: &Seat, axis: Point, write: &mut impl FnMut(usize, f64)) {
     let (beams, line_beams) = &*BEAM_TABLES;
     let left = [-axis[1], axis[0]];
-    let from = world.motion().position;
+    let (world, from) = (seat.world, seat.motion.position);
     let lines = world.scene().lines(world.options().lines);
     let pieces = lines.pieces();
     let cast = |beam: Point, is_seen: fn(LineKind) -> bool| {
         let direction = turned(left, beam);
         let hit = |k: usize, nearest: f64| {
             let piece = &pieces[k];
-            if !is_seen(piece.kind) || !world.is_level(piece.height) {
+            if !is_seen(piece.kind) || !seat.is_level(piece.height) {
                 return None;
             }
             rays::to_box(from, direction, &piece.area).filter(|distance| *distance < nearest)
@@ -210,9 +244,8 @@ fn lines(world: &World, axis: Point, write: &mut impl FnMut(usize, f64)) {
 }
 
 /// Numbers of the car itself.
-fn own(world: &World, driving: &Driving, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
-    let motion = world.motion();
-    let route = world.scene().route();
+fn own(seat: &Seat, driving: &Driving, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
+    let Seat { motion, route, .. } = *seat;
     let along = match kind {
         ObservationKind::Corrected => route.locate(motion.position, Localization::Nearest).along,
         ObservationKind::MetaDrive => route.locate(motion.position, Localization::MetaDrive).along,
@@ -225,7 +258,7 @@ fn own(world: &World, driving: &Driving, kind: ObservationKind, write: &mut impl
     write(31, (motion.speed() * KMH + 1.0) / (FULL_SPEED + 1.0));
     let scaled = |x: f64| 0.5 * (x + 1.0);
     let [last, before] = driving.actions;
-    let yaw_rate = wrap_angle(motion.heading - world.motion_before().heading) / DT;
+    let yaw_rate = wrap_angle(motion.heading - seat.before.heading) / DT;
     match kind {
         ObservationKind::Corrected => {
             write(32, scaled(last.steer));
@@ -255,11 +288,11 @@ fn navigation(route: &Route, driving: &Driving, kind: ObservationKind, write: &m
 }
 
 /// The nearest vehicles, by the distance of their centres.
-fn nearest(world: &World, axis: Point, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
-    let motion = world.motion();
+fn nearest(seat: &Seat, axis: Point, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
+    let motion = seat.motion;
     let mut found: [Option<(f64, &Body)>; NEAREST] = [None; NEAREST];
-    for body in world.bodies() {
-        if body.kind != BodyKind::Vehicle || !world.is_level(body.ground) {
+    for body in seat.others {
+        if body.kind != BodyKind::Vehicle || !seat.is_level(body.ground) {
             continue;
         }
         // MetaDrive detects neighbours in the last substep, before traffic is set to the frame.
@@ -305,15 +338,15 @@ fn distance_to(area: &OrientedBox, p: Point) -> f64 {
 }
 
 /// Beams to road users; the first points ahead.
-fn lidar(world: &World, axis: Point, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
-    let from = world.motion().position;
+fn lidar(seat: &Seat, axis: Point, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
+    let from = seat.motion.position;
     let (beams, _) = &*BEAM_TABLES;
     let directions: [Point; BEAMS] = std::array::from_fn(|k| turned(axis, beams[k]));
     let mut nearest = [REACH; BEAMS];
-    for body in world.bodies() {
+    for body in seat.others {
         let radius = body.area.radius();
         let d = sub(body.area.center, from);
-        if dot(d, d) > (REACH + radius) * (REACH + radius) || !world.is_level(body.ground) {
+        if dot(d, d) > (REACH + radius) * (REACH + radius) || !seat.is_level(body.ground) {
             continue;
         }
         if kind == ObservationKind::MetaDrive && (body.kind == BodyKind::Object || body.is_falling) {

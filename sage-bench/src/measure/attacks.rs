@@ -14,7 +14,7 @@ use sage_core::{
 };
 use sage_sim::{
     SimScene,
-    attack_test::AttackTest,
+    attack_test::{AttackPath, AttackTest},
     avoidable::{Avoidance, AvoidanceOptions},
     metrics::MeasuredAttack,
     unattacked::UnattackedDrive,
@@ -312,10 +312,19 @@ impl Attacks {
     ) -> Result<Vec<Cell>> {
         let Prepared { ctx, measured, avoidance, samples } = prepared;
         let clock = Instant::now();
-        let attacks = built.attacks(ctx, self.seed)?;
+        let attacks = match test {
+            Some(_) => built.attacks_on_driver(ctx, self.seed)?,
+            None => built.attacks(ctx, self.seed)?,
+        };
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let (mut cells, mut key) = (Vec::new(), first);
-        for (attack, point) in attacks.iter().zip(&built.points) {
+        for (attack, point) in attacks.into_iter().zip(&built.points) {
+            attack.check(ctx.scene())?;
+            let path = match test {
+                Some(test) => test.path_of(&attack)?,
+                None => AttackPath::of(attack.trajectory().clone()),
+            };
+            let attack = &attack.driven(path.trajectory.clone(), "the driver under test");
             let mut plan = None;
             if let Some(scene) = measured {
                 plan = Some(Arc::new(scene.measured(attack, seconds)?));
@@ -342,7 +351,7 @@ impl Attacks {
                 }
             }
             if let Some(test) = test.filter(|_| self.measure[2]) {
-                cells.push(self.attacked_cell(attack, ctx, test, plan, key)?);
+                cells.push(self.attacked_cell(path, ctx, test, plan, key)?);
                 key += 1;
             }
         }
@@ -351,16 +360,15 @@ impl Attacks {
 
     fn attacked_cell(
         &self,
-        attack: &Attack,
+        path: AttackPath,
         ctx: &Context,
         test: &AttackTest,
         plan: Option<Arc<MeasuredTrajectory>>,
         key: usize,
     ) -> Result<Cell> {
-        attack.check(ctx.scene())?;
-        let candidate = ctx.candidate(attack.trajectory().clone());
+        let candidate = ctx.candidate(path.trajectory.clone());
         let is_feasible = self.objective.evaluate(&candidate, ctx).is_feasible();
-        let outcome = test.attack(attack.trajectory(), is_feasible)?;
+        let outcome = test.attack_along(path, is_feasible)?;
         let is_searched = self.searches[1];
         let avoidable = if is_searched { outcome.avoidable(self.search)? } else { None };
         let (over_red, reward_cut) = (outcome.over_red(), outcome.reward_cut(ctx));

@@ -143,7 +143,7 @@ impl Transfers {
         match &method.maker {
             Maker::Selected(built) => {
                 let mut plans = Vec::new();
-                for mut attack in built.attacks(ctx, self.seed)? {
+                for mut attack in built.attacks_in_test(ctx, test, self.seed)? {
                     attack.check(ctx.scene())?;
                     plans.push(attack.candidates.swap_remove(attack.chosen));
                 }

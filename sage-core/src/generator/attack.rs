@@ -4,7 +4,13 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, geometry::Point, motion::Trajectory, scene::Scene};
+use super::Reaction;
+use crate::{
+    Error,
+    geometry::Point,
+    motion::{DT, HORIZON, NOW, Trajectory},
+    scene::Scene,
+};
 
 /// A proposed trajectory of the adversary.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,16 +68,38 @@ pub struct Attack {
     pub chosen: usize,
     /// Warning about the selection, if any.
     pub note: Option<Note>,
+    /// What drives the adversary in place of the selected trajectory from a frame on; `None` if it follows it to the end.
+    pub reaction: Option<Reaction>,
 }
 
 impl Attack {
     /// An attack with a single candidate.
     pub fn only(candidate: Proposal) -> Self {
-        Self { candidates: vec![candidate], chosen: 0, note: None }
+        Self::of(vec![candidate], 0, None)
     }
 
-    /// Checks an attack: the selected index is among the candidates, and every log-probability and goal is
-    /// finite. Trajectories are checked on construction.
+    /// An attack that follows the selected candidate to the end.
+    pub fn of(candidates: Vec<Proposal>, chosen: usize, note: Option<Note>) -> Self {
+        Self { candidates, chosen, note, reaction: None }
+    }
+
+    /// The attack of an adversary that reacted, as it was driven against somebody: the selected trajectory is the path that
+    /// it drove. An attack that does not react stays as it is.
+    pub fn driven(mut self, path: Trajectory, against: &str) -> Self {
+        let Some(reaction) = self.reaction.take() else { return self };
+        let text = format!(
+            "the adversary reacts from {:.1} s on; this is the path that it drove against {against}",
+            reaction.from.saturating_sub(NOW) as f64 * DT
+        );
+        if let Some(candidate) = self.candidates.get_mut(self.chosen) {
+            *candidate = Proposal::of(path);
+        }
+        self.note = Some(Note::Other(text));
+        self
+    }
+
+    /// Checks an attack: the selected index is among the candidates, every log-probability and goal is finite, and a
+    /// reaction begins in the future. Trajectories are checked on construction.
     ///
     /// *Errors*: [`Error::Scene`] with the number of the invalid candidate.
     pub fn check(&self, scene: &Scene) -> Result<(), Error> {
@@ -85,6 +113,11 @@ impl Attack {
             if let Some(value) = values.into_iter().find(|x| !x.is_finite()) {
                 return fail(format!("candidate {k} has a goal or log-probability of {value}"));
             }
+        }
+        let from = self.reaction.as_ref().map(|reaction| reaction.from);
+        if let Some(from) = from.filter(|from| !(NOW..=NOW + HORIZON).contains(from)) {
+            let last = NOW + HORIZON;
+            return fail(format!("the adversary reacts from frame {from} on; expected a frame from {NOW} to {last}"));
         }
         Ok(())
     }

@@ -42,8 +42,19 @@ impl Entry<dyn GeneratorKind> for CatGoals {
     type Options = Self;
 
     fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
-        check_candidates(Some(options.candidates))?;
+        options.check()?;
         Ok(Box::new(options))
+    }
+}
+
+impl CatGoals {
+    pub(crate) fn check(&self) -> Result<(), String> {
+        check_candidates(Some(self.candidates))
+    }
+
+    /// The proposer of a prior.
+    pub(crate) fn proposer(&self, prior: Arc<dyn Backbone>) -> Box<dyn Proposer> {
+        Box::new(OfPrior { prior, candidates: self.candidates })
     }
 }
 
@@ -53,7 +64,7 @@ impl GeneratorKind for CatGoals {
     }
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
-        let proposer = Box::new(OfPrior { prior: inputs.prior(Self::NAME)?, candidates: self.candidates });
+        let proposer = self.proposer(inputs.prior(Self::NAME)?);
         Ok(Box::new(ProposeAndSelect { proposer, selector: Box::new(CatSelector), facts: self.facts() }))
     }
 }

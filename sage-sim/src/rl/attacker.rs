@@ -48,5 +48,5 @@ pub fn plan_of_generator(
         problem: "the generator gave no attack".to_owned(),
     })?;
     attack.check(&recorded)?;
-    Ok(Arc::new(Plan::of_adversary(scene.scene(), attack.trajectory())?))
+    Ok(Arc::new(Plan::of_attack(scene.scene(), attack)?))
 }

@@ -1,7 +1,8 @@
-//! A trajectory for one track in place of its log, usually the adversary's.
+//! A trajectory for one track in place of its log, usually the adversary's, and what drives it from a frame on.
 
 use sage_core::{
     Error as CoreError,
+    generator::{Attack, Reaction},
     geometry::MAX_COORDINATE,
     motion::Trajectory,
     scene::{Scene, Track},
@@ -16,6 +17,8 @@ pub struct Plan {
     pub track: usize,
     /// The recording that it follows, as long as the scene.
     pub motion: Track,
+    /// What drives the track from a frame on; `None` if it follows the recording to the end.
+    pub reaction: Option<Reaction>,
 }
 
 impl Plan {
@@ -24,7 +27,14 @@ impl Plan {
     /// *Errors*: [`CoreError::Scene`] if the scene has no adversary.
     pub fn of_adversary(scene: &Scene, trajectory: &Trajectory) -> Result<Self, Error> {
         let track = scene.adversary_index()?;
-        Ok(Self { track, motion: scene.tracks[track].following(trajectory) })
+        Ok(Self { track, motion: scene.tracks[track].following(trajectory), reaction: None })
+    }
+
+    /// The plan of an attack, with its reaction.
+    ///
+    /// *Errors*: as [`Plan::of_adversary`].
+    pub fn of_attack(scene: &Scene, attack: &Attack) -> Result<Self, Error> {
+        Ok(Self { reaction: attack.reaction.clone(), ..Self::of_adversary(scene, attack.trajectory())? })
     }
 
     /// Checks that the plan fits a scene.

@@ -81,7 +81,7 @@ impl AttackRow {
         let proposal =
             |Candidate { log_prob, nll, goal, trajectory }| Proposal { trajectory, log_prob, goal, nll };
         let candidates = row.candidates.into_iter().map(proposal).collect();
-        let attack = Attack { candidates, chosen: row.chosen, note: None };
+        let attack = Attack::of(candidates, row.chosen, None);
         Ok(Self {
             method: row.method,
             variant: row.variant,

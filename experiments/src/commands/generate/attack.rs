@@ -117,15 +117,21 @@ impl SceneWriter<'_> {
         let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
         scene.check_apart_now()?;
+        let mut test = None;
         if !plan.ego.policy.is_recording() {
             let simulated = SimScene::new(scene.clone(), index.clone())?;
-            scene = AttackTest::new(&*plan.ego.policy, &simulated, plan.args.attack.seed)?.recorded();
+            let tested = AttackTest::new(&*plan.ego.policy, &simulated, plan.args.attack.seed)?;
+            scene = test.insert(tested).recorded();
         }
         index.build_all();
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
         let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
         let clock = Instant::now();
-        let mut attacks = generator.built.attacks(&ctx, plan.args.attack.seed)?;
+        let seed = plan.args.attack.seed;
+        let mut attacks = match &test {
+            Some(test) => generator.built.attacks_in_test(&ctx, test, seed)?,
+            None => generator.built.attacks(&ctx, seed)?,
+        };
         let objective = &generator.selection.objective;
         if let Some(target) = plan.args.react {
             for (point, attack) in generator.points.iter().zip(&mut attacks) {

@@ -7,7 +7,7 @@ use sage_core::{
 };
 use sage_data::Recording;
 use sage_sim::{
-    attack_test::AttackTest,
+    attack_test::{AttackPath, AttackTest},
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::Drive,
     episode::{LAST_FRAME, Verdict},
@@ -40,7 +40,8 @@ pub(super) struct PlannedDrive {
 
 /// An attack with its scores against the drive that it was planned against.
 pub(crate) struct PlannedAttack {
-    pub(super) trajectory: Trajectory,
+    /// The adversary's path: the plan, or what it drove against this driver.
+    pub(super) path: AttackPath,
     pub(super) feasible: bool,
     believable: Option<bool>,
     unbelievable: Vec<Reason>,
@@ -102,19 +103,20 @@ impl<'a> SceneAttacks<'a> {
             Self::Given(trajectory, described) => {
                 let ctx = context()?;
                 let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
-                let attack = Some(PlannedAttack::of(&ctx, &avoidance, trajectory.clone()));
+                let attack = Some(PlannedAttack::of(&ctx, &avoidance, AttackPath::of(trajectory.clone())));
                 let described = complete(described.clone());
                 Ok(vec![PlannedDrive { described, label: String::new(), swept: None, attack }])
             }
             Self::Generated(generator) => {
                 let (ctx, built) = (context()?, &generator.built);
                 let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
-                let attacks = built.attacks(&ctx, generator.args.seed)?;
+                let attacks = built.attacks_on_driver(&ctx, generator.args.seed)?;
                 let planned = attacks.into_iter().zip(&generator.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();
                     let label = if uses_point { point.long_label() } else { generator.method.to_string() };
-                    let attack = PlannedAttack::of(&ctx, &avoidance, attack.trajectory().clone());
+                    let path = test.context("an attacked driver is tested")?.path_of(&attack)?;
+                    let attack = PlannedAttack::of(&ctx, &avoidance, path);
                     let swept = point.swept().filter(|_| uses_point);
                     let described = generator.describe(point);
                     Ok(PlannedDrive { described, label, swept, attack: Some(attack) })
@@ -127,20 +129,20 @@ impl<'a> SceneAttacks<'a> {
 
 impl PlannedAttack {
     /// A plan with its scores against the drive before, and the last evasive manoeuvre of that drive.
-    pub(crate) fn of(ctx: &Context, avoidance: &Avoidance, trajectory: Trajectory) -> Self {
-        let candidate = ctx.candidate(trajectory.clone());
+    pub(crate) fn of(ctx: &Context, avoidance: &Avoidance, path: AttackPath) -> Self {
+        let candidate = ctx.candidate(path.trajectory.clone());
         let scores = Scorer::new(ctx).scores(&candidate);
         let (feasible, believable) = (scores.feasible, scores.believable);
         let avoidable = avoidance.of(&candidate);
         let contact = scores.collision_step;
-        Self { trajectory, feasible, believable, unbelievable: scores.unbelievable, contact, avoidable }
+        Self { path, feasible, believable, unbelievable: scores.unbelievable, contact, avoidable }
     }
 
     /// The row of the attack, with its verdict and the drive before.
     pub(crate) fn row(self, verdict: Verdict, before: &Drive) -> AttackRow {
         let first = before.contacts.first().map(|contact| contact.step);
         AttackRow {
-            trajectory: self.trajectory,
+            trajectory: self.path.trajectory,
             feasible: self.feasible,
             believable: self.believable,
             unbelievable: self.unbelievable,

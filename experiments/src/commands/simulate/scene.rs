@@ -202,10 +202,10 @@ impl SceneDrives<'_> {
             let (label, swept, described) = (planned.label, planned.swept, planned.described);
             let contact = planned.attack.as_ref().and_then(|attack| attack.contact);
             let plan =
-                planned.attack.as_ref().map(|a| Plan::of_adversary(scene, &a.trajectory)).transpose()?;
+                planned.attack.as_ref().map(|a| Plan::of_adversary(scene, &a.path.trajectory)).transpose()?;
             let driven = match (planned.attack, &test) {
                 (Some(attack), Some(test)) => test
-                    .attack(&attack.trajectory, attack.feasible)
+                    .attack_along(attack.path.clone(), attack.feasible)
                     .with_context(failed)
                     .map(|outcome| (outcome.episode, Some(attack.row(outcome.verdict, test.unattacked())))),
                 _ => Episode::run(simulated, None, &*ego.policy, seed)

@@ -1,0 +1,3 @@
+//! `sage train-adversary`: trains the learned parts of an adversary; one file per adversary.
+
+pub(crate) mod seal;

@@ -45,6 +45,7 @@ mod parameter_group;
 pub mod parameters;
 pub mod prediction;
 pub mod query_transformer;
+pub mod seal;
 pub mod smooth_path;
 pub mod subsampling;
 pub mod training;

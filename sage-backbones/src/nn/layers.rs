@@ -6,7 +6,12 @@
 
 use candle_core::{Module, Result, Tensor};
 
-use super::{add_row::add_row_in_place, norm_relu::norm_relu_in_place, softmax::softmax_in_place};
+use super::{
+    add_row::{add_row, add_row_in_place},
+    groups::Groups,
+    norm_relu::{norm_relu_by_group, norm_relu_in_place},
+    softmax::softmax_in_place,
+};
 use crate::parameters::{Init, Scope};
 
 /// `W x + b`.
@@ -100,8 +105,12 @@ impl Mlp {
     }
 
     // Stacked in every call, because a stored copy would not change with training.
+    fn scale(&self) -> Result<Tensor> {
+        Tensor::stack(&[&self.gamma, &self.beta], 0)
+    }
+
     fn finish(&self, product: Tensor, row: &Tensor) -> Result<Tensor> {
-        norm_relu_in_place(product, row, &Tensor::stack(&[&self.gamma, &self.beta], 0)?)
+        norm_relu_in_place(product, row, &self.scale()?)
     }
 
     /// As [`Linear::forward_parts`].
@@ -119,6 +128,18 @@ impl Mlp {
         let product = rows.matmul(&weight.narrow(1, 0, a)?.t()?)?;
         let row = (self.linear.bias.unsqueeze(0)? + shared.matmul(&weight.narrow(1, a, b)?.t()?)?)?;
         self.finish(product, &row)
+    }
+
+    /// As [`Mlp::forward`], for rows followed along the inputs by one row that all rows of a group share. The
+    /// product with it is computed once a group.
+    ///
+    /// *Shapes*: `rows` (n, a), `shared` (groups, b); result (n, outputs).
+    pub fn forward_by_group(&self, rows: &Tensor, shared: &Tensor, groups: &Groups) -> Result<Tensor> {
+        let [a, b] = [rows.dim(1)?, shared.dim(1)?];
+        let weight = &self.linear.weight;
+        let product = rows.matmul(&weight.narrow(1, 0, a)?.t()?)?;
+        let biases = add_row(&shared.matmul(&weight.narrow(1, a, b)?.t()?)?, &self.linear.bias)?;
+        norm_relu_by_group(product, &biases, &self.scale()?, groups)
     }
 }
 

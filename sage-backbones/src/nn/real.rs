@@ -105,7 +105,7 @@ pub(crate) fn wide<R>(run: impl FnOnce() -> R) -> R {
 /// Sums over the rows of a matrix, column by column, in blocks. The sum within a block has the matrix's own
 /// precision, the sum over blocks double precision. If the true sum is zero, Adam would make steps of full
 /// size from the rounding errors of a plain sum.
-pub(super) struct BlockSums<T> {
+pub(crate) struct BlockSums<T> {
     block: Vec<T>,
     total: Vec<f64>,
     rows: usize,
@@ -114,13 +114,13 @@ pub(super) struct BlockSums<T> {
 impl<T: Real> BlockSums<T> {
     const BLOCK: usize = 32;
 
-    pub(super) fn new(columns: usize) -> Self {
+    pub(crate) fn new(columns: usize) -> Self {
         Self { block: vec![T::zero(); columns], total: vec![0.0; columns], rows: 0 }
     }
 
     /// The sums to which the next row is added.
     #[inline(always)]
-    pub(super) fn next(&mut self) -> &mut [T] {
+    pub(crate) fn next(&mut self) -> &mut [T] {
         if self.rows == Self::BLOCK {
             self.close();
         }
@@ -136,14 +136,14 @@ impl<T: Real> BlockSums<T> {
         self.rows = 0;
     }
 
-    pub(super) fn finish(mut self) -> Vec<T> {
+    pub(crate) fn finish(mut self) -> Vec<T> {
         self.close();
         self.total.into_iter().map(T::from_f64).collect()
     }
 }
 
 /// The numbers of a contiguous argument of a custom operation.
-pub(super) fn slice<'a, T: Real>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [T]> {
+pub(crate) fn slice<'a, T: Real>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [T]> {
     let all = storage.as_slice::<T>()?;
     let (start, end) = layout
         .contiguous_offsets()
@@ -152,7 +152,7 @@ pub(super) fn slice<'a, T: Real>(storage: &'a CpuStorage, layout: &Layout) -> Re
 }
 
 /// The numbers of a contiguous argument of a custom operation, to be written.
-pub(super) fn slice_mut<'a, T: Real>(storage: &'a mut CpuStorage, layout: &Layout) -> Result<&'a mut [T]> {
+pub(crate) fn slice_mut<'a, T: Real>(storage: &'a mut CpuStorage, layout: &Layout) -> Result<&'a mut [T]> {
     let (start, end) = layout
         .contiguous_offsets()
         .ok_or(candle_core::Error::RequiresContiguous { op: "a layer of sage-backbones" })?;
@@ -163,7 +163,7 @@ pub(super) fn slice_mut<'a, T: Real>(storage: &'a mut CpuStorage, layout: &Layou
 }
 
 /// Calls `f` with the numbers of a contiguous tensor on the CPU.
-pub(super) fn with_slice<T: Real, R>(tensor: &Tensor, f: impl FnOnce(&[T]) -> R) -> Result<R> {
+pub(crate) fn with_slice<T: Real, R>(tensor: &Tensor, f: impl FnOnce(&[T]) -> R) -> Result<R> {
     let (storage, layout) = tensor.storage_and_layout();
     match &*storage {
         Storage::Cpu(cpu) => Ok(f(slice(cpu, layout)?)),
@@ -187,7 +187,7 @@ macro_rules! by_dtype {
         }
     };
 }
-pub(super) use by_dtype;
+pub(crate) use by_dtype;
 
 #[cfg(test)]
 mod tests {

@@ -27,6 +27,7 @@ use sage_data::procedural::Kind;
 use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
 use crate::part::PolicyParts;
 
+pub(crate) use adversaries::{TrainAdversaryCommand, TrainSealArgs};
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, ExplainArgs, GenerateArgs, Values};
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
@@ -90,6 +91,12 @@ pub(crate) enum Command {
     Status(StatusArgs),
     Join(JoinArgs),
     TrainEgo(TrainEgoArgs),
+    /// Train the learned parts of an adversary.
+    #[command(
+        subcommand,
+        after_help = "Example:\n  sage train-adversary seal --procedural 200 --out procedural-seal/"
+    )]
+    TrainAdversary(TrainAdversaryCommand),
     /// Analyse a set of experts.
     #[command(
         subcommand,
@@ -427,6 +434,7 @@ impl Cli {
                 | Command::Test(_)
                 | Command::Join(_)
                 | Command::TrainEgo(_)
+                | Command::TrainAdversary(_)
                 | Command::Analyse(_)
                 | Command::Bench(_)
                 | Command::Theory(TheoryArgs { data: Some(_), .. })

@@ -27,4 +27,5 @@ pub(crate) mod status;
 pub(crate) mod suite;
 pub(crate) mod test;
 pub(crate) mod theory;
+pub(crate) mod train_adversary;
 pub(crate) mod train_ego;

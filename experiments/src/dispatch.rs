@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use crate::{
     Outcome, Registries,
-    cli::{AnalyseCommand, BenchCommand, Cli, Command},
+    cli::{AnalyseCommand, BenchCommand, Cli, Command, TrainAdversaryCommand},
     commands,
     output::Part,
     threads,
@@ -41,6 +41,9 @@ impl Cli {
             Command::Status(args) => commands::status::run(&args),
             Command::Join(args) => commands::join::run(&args, registries),
             Command::TrainEgo(args) => commands::train_ego::run(&args, registries),
+            Command::TrainAdversary(TrainAdversaryCommand::Seal(args)) => {
+                commands::train_adversary::seal::run(&args, registries)
+            }
             Command::Analyse(AnalyseCommand::Connectivity(args)) => {
                 commands::analyse_connectivity::run(&args, registries)
             }

@@ -69,7 +69,7 @@ impl SealScore {
     fn weights(&self, name: &'static str, inputs: &GeneratorInputs) -> Result<Arc<SealWeights>, crate::Error> {
         let needs = "learned parts beside the prior; name weights that hold them with --weights";
         let source = inputs.experts(name)?.source().ok_or(crate::Error::Inputs { generator: name, needs })?;
-        Ok(Arc::new(SealWeights::load(source, &self.file)?))
+        Ok(Arc::new(SealWeights::load_file(source, &self.file)?))
     }
 
     fn selected(

@@ -51,7 +51,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Drive and test", &["simulate", "search", "report", "suite", "test"]),
     ("Measure and compare", &["score", "bench"]),
     ("Run on a cluster", &["jobs", "status", "join"]),
-    ("Train", &["pretrain", "finetune", "calibrate", "merge", "train-ego"]),
+    ("Train", &["pretrain", "finetune", "calibrate", "merge", "train-ego", "train-adversary"]),
     ("Research", &["theory", "analyse"]),
     ("Other", &["list", "completions"]),
 ];

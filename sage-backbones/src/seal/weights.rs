@@ -116,13 +116,20 @@ impl SealWeights {
     /// *Errors*: [`Error::Io`] for a file that is missing or cannot be read, [`Error::Format`] for one that is damaged or
     /// of another network, and those of [`SealWeights::new`]; each names the file and the remedy.
     pub fn load(weights: &Weights) -> Result<Self, Error> {
-        let path = weights.path(SEAL_FILE);
-        if !weights.has(SEAL_FILE) {
+        Self::load_file(weights, SEAL_FILE)
+    }
+
+    /// The same from a file of another name beside the prior.
+    ///
+    /// *Errors*: as [`SealWeights::load`].
+    pub fn load_file(weights: &Weights, file: &str) -> Result<Self, Error> {
+        let path = weights.path(file);
+        if !weights.has(file) {
             let problem = "the file is missing; `sage train-adversary seal` makes it";
             let source = std::io::Error::new(std::io::ErrorKind::NotFound, problem);
             return Err(Error::Io { verb: "read", path, source });
         }
-        let (parameters, header) = weights.tensors(SEAL_FILE)?;
+        let (parameters, header) = weights.tensors(file)?;
         let options = options_of(&header).map_err(|problem| Error::Format {
             path: path.clone(),
             problem: format!("{problem}; {REMEDY}"),

@@ -1,0 +1,58 @@
+//! Arguments of the commands that train adversaries.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::{
+    FolderArgs, MOST_PROCEDURAL, SplitArgs,
+    help::{OUTPUT, RUN, SCENE, TRAINING},
+};
+
+/// Adversaries with learned parts.
+#[derive(Debug, Subcommand)]
+pub(crate) enum TrainAdversaryCommand {
+    Seal(TrainSealArgs),
+}
+
+/// Train the learned parts of the generators `seal-score` and `seal`.
+///
+/// A car-following driver drives every scene alone and against each of the prior's 32 candidates. A score learns from these
+/// drives how critical a candidate is; skills and their distributions learn how the car was driven, ordinarily and before
+/// contacts. The folder gets `seal.safetensors` (copy it beside the prior, then --weights finds it),
+/// `seal-benign.safetensors` (the same with the skills of ordinary driving, for comparison), curves, `README.md` with what was
+/// measured, and `run.json`. The same command resumes an interrupted run with bit-identical results. The windows are
+/// held in memory: about 1 MB a scene.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sage train-adversary seal scenes/ --splits docs/results/splits.json --split train \\
+      --weights waymo --dev dev-scenes/ --out seal/
+  sage train-adversary seal --procedural 200 --out procedural-seal/")]
+pub(crate) struct TrainSealArgs {
+    /// Scene files and folders for training (default: procedural scenes).
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Scenes on which the trained parts are measured; not used in training.
+    #[arg(long, help_heading = SCENE, value_name = "DIR")]
+    pub dev: Option<PathBuf>,
+    /// Number of procedural scenes if no PATH is given.
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    pub procedural: u64,
+    /// Weights whose prior proposes the candidates: procedural, waymo, a folder or a file.
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "procedural")]
+    pub weights: String,
+    /// Options of training as JSON, such as '{"hidden": 512, "skills": {"epochs": 100, "rate": 1e-4}}'.
+    #[arg(long, help_heading = TRAINING, value_name = "JSON", default_value = "{}")]
+    pub options: String,
+    /// Seed of drives, training order and procedural scenes.
+    #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// Licence text for the header of the weights.
+    #[arg(long, help_heading = OUTPUT, value_name = "TEXT")]
+    pub license: Option<String>,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}

@@ -7,7 +7,11 @@ use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
 use super::{Checkpoint, Gradient, Trainer};
-use crate::{Error, nn::AdamWConfig, parameters::Header};
+use crate::{
+    Error, Parameters,
+    nn::{AdamW, AdamWConfig},
+    parameters::Header,
+};
 
 /// What differs between pretraining and fine-tuning: the training items, their gradients and the epoch
 /// results.
@@ -130,10 +134,8 @@ pub(super) fn run<T: Task>(
         let row = task.row(trainer, epoch)?;
         task.after_epoch(trainer, &rows, &row)?;
         rows.push(row);
-        if let Some(CheckpointFile { file, identity, header }) = checkpoint {
-            let state =
-                Checkpoint { identity: identity.clone(), rows: rows.clone(), steps: trainer.adam.steps };
-            state.save(&trainer.weights()?, &trainer.adam, header, file)?;
+        if let Some(checkpoint) = checkpoint {
+            checkpoint.write(&rows, &trainer.weights()?, &trainer.adam)?;
         }
     }
     Ok((rows, false))
@@ -151,24 +153,51 @@ fn resume<Row: Serialize + DeserializeOwned>(
     checkpoint: &CheckpointFile,
     config: AdamWConfig,
 ) -> Result<Vec<Row>, Error> {
-    if !checkpoint.file.exists() {
-        return Ok(Vec::new());
-    }
-    let fail = |problem: String| Error::Format { path: checkpoint.file.to_owned(), problem };
-    let (state, weights, adam) = match Checkpoint::<Row>::load(checkpoint.file, config) {
-        Err(Error::Format { problem, .. }) => {
-            return Err(fail(format!("{problem}; remove it to start again")));
-        }
-        Err(Error::NoNetwork { .. }) => {
-            return Err(fail("is no checkpoint of a training; remove it to start again".to_owned()));
-        }
-        loaded => loaded?,
-    };
-    if state.identity != checkpoint.identity {
-        let problem = "belongs to a run with other options or data; give another folder or remove it";
-        return Err(fail(problem.to_owned()));
-    }
-    trainer.set_weights(&weights).map_err(|error| fail(format!("{error}; remove it to start again")))?;
+    let Some((rows, weights, adam)) = checkpoint.read(config)? else { return Ok(Vec::new()) };
+    trainer.set_weights(&weights).map_err(|error| checkpoint.unfit(&error.to_string()))?;
     trainer.adam = adam;
-    Ok(state.rows)
+    Ok(rows)
+}
+
+impl CheckpointFile<'_> {
+    /// Writes the state after an epoch.
+    ///
+    /// *Errors*: [`Error::Io`].
+    pub(crate) fn write<Row: Clone + Serialize + DeserializeOwned>(
+        &self,
+        rows: &[Row],
+        weights: &Parameters,
+        adam: &AdamW,
+    ) -> Result<(), Error> {
+        let state = Checkpoint { identity: self.identity.clone(), rows: rows.to_vec(), steps: adam.steps };
+        state.save(weights, adam, &self.header, self.file)
+    }
+
+    /// Rows, weights and the optimiser's state, if the file exists.
+    ///
+    /// *Errors*: [`Error::Format`] for a file that is damaged or of another run, with the remedy; [`Error::Io`].
+    pub(crate) fn read<Row: Serialize + DeserializeOwned>(
+        &self,
+        config: AdamWConfig,
+    ) -> Result<Option<(Vec<Row>, Parameters, AdamW)>, Error> {
+        if !self.file.exists() {
+            return Ok(None);
+        }
+        let (state, weights, adam) = match Checkpoint::<Row>::load(self.file, config) {
+            Err(Error::Format { problem, .. }) => return Err(self.unfit(&problem)),
+            Err(Error::NoNetwork { .. }) => return Err(self.unfit("is no checkpoint of a training")),
+            loaded => loaded?,
+        };
+        if state.identity != self.identity {
+            let problem = "belongs to a run with other options or data; give another folder or remove it";
+            return Err(Error::Format { path: self.file.to_owned(), problem: problem.to_owned() });
+        }
+        Ok(Some((state.rows, weights, adam)))
+    }
+
+    /// The error of a file from which no run can resume.
+    pub(crate) fn unfit(&self, problem: &str) -> Error {
+        let problem = format!("{problem}; remove it to start again");
+        Error::Format { path: self.file.to_owned(), problem }
+    }
 }

@@ -1,5 +1,6 @@
 //! Arguments of the command line.
 
+mod adversaries;
 mod attacking;
 mod avoiding;
 mod converting;

@@ -74,7 +74,7 @@ pub use mixtures::Mixtures;
 pub use optimisers::StartFrom;
 pub use propose_and_select::ProposeAndSelect;
 pub use rule::{Rule, bezier};
-pub use seal::{Seal, SealScore, learned_scores, relative_paths};
+pub use seal::{Seal, SealScore, learned_scores, relative_paths, seal_reaction};
 
 use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, ProposalOptions, RandomGoals};
 use sage_core::registry::Registry;

@@ -14,6 +14,7 @@ use sage_backbones::seal::{SEAL_FILE, SealWeights};
 use sage_core::{
     Error,
     generator::{Attack, Generator, Knowledge, OperatingPoint, Reaction},
+    motion::Trajectory,
     objective::Context,
     registry::Entry,
 };
@@ -158,10 +159,26 @@ impl Generator for Reacting {
     fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error> {
         let mut attacks = self.selected.attacks(ctx, at, seed)?;
         for attack in &mut attacks {
-            let hit = planned_hit(attack.trajectory().points(), ctx);
-            let from = hand_over::frame(hit, self.before_hit);
-            attack.reaction = Some(Reaction { from, policy: self.skills.clone(), seed });
+            let reaction = reaction(self.skills.clone(), attack.trajectory(), ctx, self.before_hit, seed);
+            attack.reaction = Some(reaction);
         }
         Ok(attacks)
     }
+}
+
+/// The reaction of a learned driver that takes over some steps before a plan hits the ego's path; `None` for *now*.
+fn reaction(
+    skills: Arc<Skills>,
+    plan: &Trajectory,
+    ctx: &Context,
+    before_hit: Option<usize>,
+    seed: u64,
+) -> Reaction {
+    let from = hand_over::frame(planned_hit(plan.points(), ctx), before_hit);
+    Reaction { from, policy: skills, seed }
+}
+
+/// The same for a driver of these weights that takes over 10 steps before the hit, as published.
+pub fn seal_reaction(weights: Arc<SealWeights>, plan: &Trajectory, ctx: &Context, seed: u64) -> Reaction {
+    reaction(Arc::new(Skills(weights)), plan, ctx, Seal::default().before_hit, seed)
 }

@@ -24,8 +24,8 @@ pub fn norm_relu(x: &Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
     x.contiguous()?.apply_op3(&bias.contiguous()?, &scale.contiguous()?, NormRelu(None))
 }
 
-/// [`norm_relu`] with a row of biases for each group of rows. It is overwritten if no gradient needs it, so no
-/// other code may read `x`.
+/// [`norm_relu`] with a row of biases for each group of rows, for an `x` that no other code reads. It is
+/// overwritten if no gradient needs it.
 ///
 /// *Shapes*: `x` (n, d), `biases` (groups, d), `scale` (2, d); result (n, d).
 pub(super) fn norm_relu_by_group(

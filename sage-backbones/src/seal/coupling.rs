@@ -1,7 +1,7 @@
 //! A coupling layer of a conditional RealNVP (Dinh et al., 2017): one half of the numbers scales and shifts the other.
 //!
-//! `y₁ = x₁` and `y₂ = x₂ · exp(s) + t`, with `s = tanh(f([x₁, o]))` and `t = g([x₁, o])` of two networks and a
-//! condition `o`. Its log-determinant is the sum of `s`.
+//! `y₁ = x₁` and `y₂ = x₂ · exp(s) + t`, where two networks give `s = tanh(f([x₁, o]))` and `t = g([x₁, o])` for a
+//! condition `o`. The log-determinant is the sum of `s`.
 
 use candle_core::{Module as _, Result, Tensor};
 

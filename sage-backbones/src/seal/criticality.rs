@@ -66,8 +66,8 @@ impl CriticalityNetwork {
         }
         let [wide, narrow] = &self.head;
         let logits = self.out.forward(&narrow.forward(&wide.forward(&largest)?)?)?;
-        // candle's unary operations have gradients; σ(x) = 1 / (1 + e⁻ˣ).
-        (logits.neg()?.exp()? + 1.0)?.recip()
+        // The logistic function. As 1 / (1 + e⁻ˣ), its gradient would be NaN where the exponential overflows.
+        ((logits * 0.5)?.tanh()? + 1.0)? * 0.5
     }
 
     /// Scores of sequences of any lengths, each in [0, 1]. A result does not depend on the other sequences.

@@ -112,11 +112,10 @@ mod tests {
             let pivot = (k..n).max_by(|a, b| matrix[*a][k].abs().total_cmp(&matrix[*b][k].abs())).unwrap();
             matrix.swap(k, pivot);
             log += matrix[k][k].abs().ln();
-            for row in k + 1..n {
-                let factor = matrix[row][k] / matrix[k][k];
-                for column in k..n {
-                    matrix[row][column] -= factor * matrix[k][column];
-                }
+            let (done, below) = matrix.split_at_mut(k + 1);
+            for row in below {
+                let factor = row[k] / done[k][k];
+                row.iter_mut().zip(&done[k]).for_each(|(x, pivot)| *x -= factor * pivot);
             }
         }
         log

@@ -17,8 +17,8 @@ use crate::{Error, nn::Linear, parameters::Scope};
 
 /// Width of the recurrent state.
 const STATE: usize = 256;
-/// Windows that are encoded at a time.
-const CHUNK: usize = 256;
+/// Windows that are encoded at a time; their gates fit into the processor's cache.
+const CHUNK: usize = 64;
 
 /// `leaky(norm(W x + b))`.
 #[derive(Clone, Debug)]
@@ -80,11 +80,11 @@ impl SkillEncoder {
         })
     }
 
-    /// Means and natural logarithms of variances. In training mode, batch norms use the statistics of the batch and update
-    /// the running ones in place.
+    /// Means and natural logarithms of variances. In training mode, batch norms use the statistics of the batch and
+    /// update the running ones in place.
     ///
-    /// *Shapes*: `observations` ([`WINDOW`] · n, [`OBSERVATION`]) and `actions` ([`WINDOW`] · n, [`ACTION`]), all rows of
-    /// the first step first; results (n, [`SKILL`]).
+    /// *Shapes*: `observations` ([`WINDOW`] · n, [`OBSERVATION`]) and `actions` ([`WINDOW`] · n, [`ACTION`]), all rows
+    /// of the first step first; results (n, [`SKILL`]).
     pub(super) fn posterior(
         &self,
         observations: &Tensor,
@@ -134,8 +134,8 @@ impl SkillDecoder {
         Ok(Self { stack: Stack::new(scope, [OBSERVATION + SKILL, 64, 32, ACTION])? })
     }
 
-    /// Actions in [−1, 1]. For the training mode see [`SkillEncoder::posterior`]; its statistics are over all rows, so over
-    /// windows and steps.
+    /// Actions in [−1, 1]. For the training mode see [`SkillEncoder::posterior`]; its statistics are over all rows, so
+    /// over windows and steps.
     ///
     /// *Shapes*: `observations` (n, [`OBSERVATION`]), `skills` (n, [`SKILL`]); result (n, [`ACTION`]).
     pub(super) fn forward(

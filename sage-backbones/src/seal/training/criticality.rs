@@ -235,7 +235,7 @@ mod tests {
                 scene: k / 4,
                 sequence: (0..frames).map(at).collect(),
                 targets: [(-nearest / 8.0).exp() as f32, if nearest < 6.0 { 0.9 } else { 0.1 }],
-                is_auxiliary: k % 3 == 0,
+                is_auxiliary: k.is_multiple_of(3),
             }
         };
         CriticalityData { examples: (0..count).map(example).collect() }

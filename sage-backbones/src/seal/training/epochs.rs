@@ -138,8 +138,8 @@ struct State<Row> {
 
 /// Trains until the last epoch, the early stop, or until `on_epoch` returns true after an epoch.
 ///
-/// *Errors*: [`Error::Option`], [`Error::NothingToTrain`], [`Error::NotFinite`]; [`Error::Format`] for a checkpoint that is
-/// damaged or of another run; [`Error::Io`].
+/// *Errors*: [`Error::Option`], [`Error::NothingToTrain`], [`Error::NotFinite`]; [`Error::Format`] for a checkpoint
+/// that is damaged or of another run; [`Error::Io`].
 pub(super) fn train<T: Task>(
     task: &mut T,
     options: &LoopOptions,
@@ -250,8 +250,8 @@ fn resume<Row: Serialize + DeserializeOwned>(
     Ok(Some(State { optimiser: Optimiser::new(&weights, adam)?, best, rows }))
 }
 
-/// Asserts that equal trainings give equal bits, also when stopped after any epoch and resumed. `train` runs a training of
-/// `epochs` epochs and returns the hash of its weights.
+/// Asserts that equal trainings give equal bits, also when stopped after any epoch and resumed. `train` runs a training
+/// of `epochs` epochs.
 #[cfg(test)]
 pub(super) fn assert_resumes<Row>(
     epochs: u32,

@@ -222,6 +222,24 @@ mod tests {
     }
 
     #[test]
+    fn checkpoints_of_other_runs_and_networks_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("checkpoint.safetensors");
+        let train = |identity: &str, hidden| {
+            let header = crate::parameters::Header::default();
+            let checkpoint = CheckpointFile { file: &file, identity: serde_json::json!(identity), header };
+            let options = PriorOptions { hidden, epochs: 1, batch: 16, ..Default::default() };
+            train_prior(&windows(40), &options, Some(&checkpoint), &mut |_| false)
+        };
+        train("first", 8).unwrap();
+        assert!(train("second", 8).unwrap_err().to_string().contains("another folder"));
+        let error = train("first", 4).unwrap_err().to_string();
+        assert!(error.contains("[8]") && error.contains("remove it to start again"), "{error}");
+        std::fs::write(&file, b"no weights").unwrap();
+        assert!(train("first", 8).unwrap_err().to_string().contains("remove it to start again"));
+    }
+
+    #[test]
     fn lists_of_different_lengths_are_refused() {
         let mut windows = windows(20);
         windows.skills_logvar.pop();

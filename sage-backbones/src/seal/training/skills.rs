@@ -80,8 +80,8 @@ pub struct SkillRow {
     pub throttle: Option<f64>,
 }
 
-/// Trains encoder and decoder; returns tensors of [`SkillEncoder::new`] under `encoder` and of [`SkillDecoder::new`] under
-/// `decoder`.
+/// Trains encoder and decoder; returns the tensors of [`SkillEncoder::new`] under `encoder` and those of
+/// [`SkillDecoder::new`] under `decoder`.
 ///
 /// *Errors*: those of [`SkillWindows::check`]; [`Error::NothingToTrain`] for windows of fewer than two roll-outs;
 /// [`Error::NotFinite`], [`Error::Option`]; [`Error::Format`] and [`Error::Io`] for the checkpoint.

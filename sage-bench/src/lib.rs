@@ -14,6 +14,7 @@ pub mod ego;
 mod error;
 pub mod estimate;
 pub mod generators;
+mod learned_criticality;
 pub mod measure;
 pub mod named_generator;
 pub mod named_search;
@@ -35,4 +36,5 @@ pub mod weights;
 pub mod wrap;
 
 pub use error::Error;
+pub use learned_criticality::{LearnedCriticality, LearnedCriticalityOptions};
 pub use registries::{MetricRegistries, Registries};

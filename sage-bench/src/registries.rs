@@ -26,7 +26,7 @@ use sage_sim::{
 };
 use theory_checks::{Check, claims};
 
-use crate::study::SHIPPED;
+use crate::{LearnedCriticality, study::SHIPPED};
 
 /// Registries of the parts that commands accept by name.
 pub struct Registries {
@@ -75,7 +75,7 @@ impl Registries {
     /// *Errors*: as [`Registries::shipped`].
     pub fn of_attacks() -> Result<Self, Error> {
         Ok(Self {
-            rewards: objective::rewards()?.with::<TimeToReact>()?,
+            rewards: objective::rewards()?.with::<TimeToReact>()?.with::<LearnedCriticality>()?,
             feasibilities: objective::feasibilities()?,
             backbones: backbones()?,
             mergers: mergers()?,

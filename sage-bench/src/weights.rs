@@ -153,7 +153,7 @@ pub fn note_on_merger(dial: &FittedDial, merger: &str) -> Option<String> {
 /// Finds weights by name.
 ///
 /// *Errors*: there are no such weights.
-fn find(name: &str) -> Result<Weights> {
+pub(crate) fn find(name: &str) -> Result<Weights> {
     match name {
         DEFAULT => {
             Ok(Weights::Carried { name: "weights/procedural (in the binary)", files: sage_weights::PROCEDURAL })

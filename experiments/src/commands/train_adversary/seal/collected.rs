@@ -3,10 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
-use sage_backbones::seal::{
-    relative_path,
-    training::{CriticalityExample, SkillWindows},
-};
+use sage_backbones::seal::{SkillWindows, relative_path, training::CriticalityExample};
 use sage_core::{
     generator::{Attack, Proposal},
     geometry::distance,
@@ -19,7 +16,7 @@ use sage_sim::{
     SimScene,
     attack_test::AttackTest,
     policy::EgoPolicy,
-    rollout::{Rollout, RolloutEnd, Targets, WINDOW, roll_out, rollout_driver, rules, seats, targets, windows},
+    rollout::{Rollout, adversary_seat, RolloutEnd, Targets, WINDOW, roll_out, rollout_driver, rules, seats, targets, windows},
     traffic::Plan,
 };
 use serde::Serialize;
@@ -41,6 +38,9 @@ pub(super) struct Counts {
     /// Roll-outs against a candidate, and how many of them ended in a contact.
     pub attacked: usize,
     pub attacked_contacts: usize,
+    /// Roll-outs in which the driver takes the adversary's car along a candidate, and how many of them ended in a contact.
+    pub seats: usize,
+    pub seat_contacts: usize,
     pub steps: usize,
     /// Windows of ordinary driving, and those that start in the last 20 steps before a contact.
     pub windows: usize,
@@ -72,6 +72,8 @@ impl Collected {
         all.unattacked_contacts += new.unattacked_contacts;
         all.attacked += new.attacked;
         all.attacked_contacts += new.attacked_contacts;
+        all.seats += new.seats;
+        all.seat_contacts += new.seat_contacts;
         all.steps += new.steps;
         all.windows += new.windows;
         all.windows_before_contact += new.windows_before_contact;
@@ -162,6 +164,13 @@ pub(super) fn collect(data: &SceneData, candidates: &BuiltGenerator, seed: u64) 
             let sequence = relative_path(&undisturbed_path(&rollouts.undisturbed), &rollout.poses[track]);
             collected.examples.push(example(sequence, found, true));
             collected.counts.others += 1;
+        }
+        let seat = adversary_seat(&data.scene, &data.index, &rollouts.plan(candidate)?);
+        if let Ok(driven) = seat.and_then(|seat| roll_out(&*rollouts.driver, &seat, None, &rules(), seed)) {
+            collected.counts.seats += 1;
+            collected.counts.seat_contacts += usize::from(driven.end == RolloutEnd::Contact);
+            collected.counts.steps += driven.actions.len();
+            collected.counts.windows_before_contact += take(&mut collected.before_contact, &driven, true);
         }
         collected.counts.candidates += 1;
         collected.counts.attacked += 1;

@@ -74,7 +74,8 @@ impl DriveResult<'_> {
     fn parts(&self) -> Result<(DriveRow, Option<usize>)> {
         let attack = self.attack.map(|attack| -> Result<_> {
             let avoidance = Avoidance::new(attack.ctx, AvoidanceOptions::default())?;
-            let planned = PlannedAttack::of(attack.ctx, &avoidance, AttackPath::of(attack.trajectory.clone()));
+            let planned =
+                PlannedAttack::of(attack.ctx, &avoidance, AttackPath::of(attack.trajectory.clone()));
             let contact = planned.contact;
             Ok((planned.row(attack.verdict, attack.before), contact))
         });

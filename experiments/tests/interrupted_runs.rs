@@ -78,6 +78,11 @@ fn a_killed_closed_loop_goes_on_to_the_same_files() {
 }
 
 #[test]
+fn a_killed_training_of_an_adversary_goes_on_to_the_same_files() {
+    killed("train-seal");
+}
+
+#[test]
 fn a_killed_calibrate_starts_again_to_the_same_files() {
     killed("calibrate");
 }

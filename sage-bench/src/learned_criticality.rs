@@ -33,7 +33,8 @@ impl Default for LearnedCriticalityOptions {
 
 impl Entry<dyn Reward> for LearnedCriticality {
     const NAME: &'static str = "learned-criticality";
-    const SUMMARY: &'static str = "predicted collision and change of the ego's path, 0 to 1; needs learned weights";
+    const SUMMARY: &'static str =
+        "predicted collision and change of the ego's path, 0 to 1; needs learned weights";
     const SOURCE: &'static str = "Stoler et al. 2025 (SEAL)";
     type Options = LearnedCriticalityOptions;
 

@@ -67,7 +67,11 @@ impl SealScore {
         if is_name { Ok(()) } else { Err(format!("`file` is `{}`; expected the name of a file", self.file)) }
     }
 
-    fn weights(&self, name: &'static str, inputs: &GeneratorInputs) -> Result<Arc<SealWeights>, crate::Error> {
+    fn weights(
+        &self,
+        name: &'static str,
+        inputs: &GeneratorInputs,
+    ) -> Result<Arc<SealWeights>, crate::Error> {
         let needs = "learned parts beside the prior; name weights that hold them with --weights";
         let source = inputs.experts(name)?.source().ok_or(crate::Error::Inputs { generator: name, needs })?;
         Ok(Arc::new(SealWeights::load_file(source, &self.file)?))
@@ -116,7 +120,8 @@ impl Default for Seal {
 
 impl Entry<dyn GeneratorKind> for Seal {
     const NAME: &'static str = "seal";
-    const SUMMARY: &'static str = "the same, with a learned driver at the wheel from 1 s before the planned hit";
+    const SUMMARY: &'static str =
+        "the same, with a learned driver at the wheel from 1 s before the planned hit";
     const SOURCE: &'static str = "Stoler et al. 2025 (SEAL)";
     type Options = Self;
 

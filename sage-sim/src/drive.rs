@@ -79,16 +79,7 @@ impl Simulation {
         let ego = InformedDriver { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
         let driving = Driving::start(scene.route(), Localization::Nearest, world.motion());
         let observation = ObservationKind::Corrected;
-        Ok(Self {
-            world,
-            ego,
-            adversary: None,
-            reacting,
-            driving,
-            observation,
-            is_posed: false,
-            shown: None,
-        })
+        Ok(Self { world, ego, adversary: None, reacting, driving, observation, is_posed: false, shown: None })
     }
 
     /// Lets a policy drive the adversary, from now on. A reaction of its plan then does not happen.

@@ -167,17 +167,6 @@ pub fn windows(rollout: &Rollout, before_contact: bool) -> std::ops::Range<usize
     }
 }
 
-/// The scene with the adversary in the ego's place and a plan as its recording, so that a driver takes its car along the plan:
-/// the ego replays its own recording.
-///
-/// *Errors*: as [`SimScene::new`].
-pub fn adversary_seat(scene: &Scene, index: &Arc<SceneIndex>, plan: &Plan) -> Result<Arc<SimScene>, Error> {
-    let mut seen = scene.clone();
-    seen.tracks[plan.track] = plan.motion.clone();
-    (seen.ego, seen.adversary) = (plan.track, Some(scene.ego));
-    SimScene::new(Arc::new(seen), index.clone())
-}
-
 /// The scene with other vehicles in the ego's place, so that more cars are driven in it: those that are recorded at all
 /// frames and go at least 10 m, in the order of their tracks.
 pub fn seats(scene: &Scene, index: &Arc<SceneIndex>, most: usize) -> Vec<Arc<SimScene>> {

@@ -161,7 +161,8 @@ fn a_reaction_has_the_same_bits_in_every_way_to_drive_it() {
         // The environment of reinforcement learning drives the same adversary.
         let plan = Arc::new(Plan::of_attack(scene.scene(), &attacked).unwrap());
         let mut environment =
-            Environment::reset(scene.clone(), Arc::new(EnvironmentOptions::default()), Some(plan), 0).unwrap();
+            Environment::reset(scene.clone(), Arc::new(EnvironmentOptions::default()), Some(plan), 0)
+                .unwrap();
         while !environment.is_over() && environment.world().step_count() < 30 {
             environment.step(Action { steer: 0.0, throttle: -1.0 }).unwrap();
         }
@@ -182,7 +183,10 @@ fn a_reaction_before_now_or_after_the_end_is_refused() {
     let scene = scene(Kind::FourWay, 1);
     for from in [NOW - 1, NOW + HORIZON + 1] {
         let error = attack(&scene, &Constant::default(), from).check(scene.scene()).unwrap_err().to_string();
-        assert!(error.contains(&format!("reacts from frame {from} on; expected a frame from 10 to 90")), "{error}");
+        assert!(
+            error.contains(&format!("reacts from frame {from} on; expected a frame from 10 to 90")),
+            "{error}"
+        );
     }
     let attacked = attack(&scene, &Constant::default(), 35);
     let path = attacked.trajectory().clone();

@@ -17,7 +17,7 @@ use sage_core::seed::Rng;
 use serde_json::Value;
 
 /// Commands that leave files behind.
-pub const COMMANDS: [&str; 13] = [
+pub const COMMANDS: [&str; 14] = [
     "pretrain",
     "finetune",
     "generate",
@@ -31,6 +31,7 @@ pub const COMMANDS: [&str; 13] = [
     "closed-loop",
     "calibrate",
     "train-ego",
+    "train-seal",
 ];
 
 /// Studies that share the runner of those above: a slow set, on request.
@@ -107,6 +108,11 @@ impl Case {
                     ["--config", small, "--evaluations", "3", "--checkpoint-every", "100", "--seeds", "0..2"];
                 let attacks = ["train-ego", "--method", "sage", "--weights", "procedural"];
                 (&[&attacks[..], &size, &run].concat(), false)
+            }
+            "train-seal" => {
+                let small = r#"{"hidden": 8, "criticality": {"epochs": 3}, "skills": {"epochs": 2}, "prior": {"epochs": 4}}"#;
+                let size = ["--procedural", "8", "--dev", "scenes"];
+                (&[&["train-adversary", "seal", "--options", small][..], &size].concat(), false)
             }
             "ablation" => {
                 (&["bench", "ablation", "scenes", "--weights", "procedural", "--mix", "adversarial=1"], false)

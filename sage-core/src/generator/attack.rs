@@ -117,7 +117,9 @@ impl Attack {
         let from = self.reaction.as_ref().map(|reaction| reaction.from);
         if let Some(from) = from.filter(|from| !(NOW..=NOW + HORIZON).contains(from)) {
             let last = NOW + HORIZON;
-            return fail(format!("the adversary reacts from frame {from} on; expected a frame from {NOW} to {last}"));
+            return fail(format!(
+                "the adversary reacts from frame {from} on; expected a frame from {NOW} to {last}"
+            ));
         }
         Ok(())
     }

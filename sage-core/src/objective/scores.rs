@@ -82,7 +82,8 @@ pub struct FurtherMeasures {
 impl FurtherMeasures {
     /// All registered parts except those with a field in [`Scores`], and costly rewards that the selection does not
     /// name. A part that the selection names
-    /// once has the selection's options, any other part its defaults.
+    /// once has the selection's options, any other part its defaults; a part that the selection does not name and that
+    /// cannot be built, because it needs a file that is not there, is left out.
     ///
     /// *Errors*: [`Error::Options`] for an entry that refuses its options.
     pub fn of(
@@ -155,12 +156,13 @@ fn all_but<T: ?Sized>(
     let build = |name: &'static str| {
         let mut options = given.iter().filter(|(given, _)| *given == name).map(|(_, options)| *options);
         match (options.next(), options.next()) {
-            (Some(options), None) => registry.build(name, &Value::Object(options.clone())),
+            (Some(options), None) => Some(registry.build(name, &Value::Object(options.clone()))),
             // One column cannot show several options.
-            _ => registry.build_default(name),
+            (Some(_), Some(_)) => Some(registry.build_default(name)),
+            (None, _) => registry.build_default(name).ok().map(Ok),
         }
     };
-    further.map(|entry| Ok((entry.name, build(entry.name)?))).collect()
+    further.filter_map(|entry| Some(build(entry.name)?.map(|part| (entry.name, part)))).collect()
 }
 
 /// Measures candidates of one context against its first ego path.

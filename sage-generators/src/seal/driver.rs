@@ -42,7 +42,9 @@ impl ReactiveDriver for SkillDriver {
     fn action(&mut self, frame: usize, observation: &[f32]) -> Result<[f64; 2], Error> {
         let Ok(observation) = <&[f32; OBSERVATION]>::try_from(observation) else {
             let found = observation.len();
-            return Err(self.error(frame, format!("the observation has {found} numbers, expected {OBSERVATION}")));
+            return Err(
+                self.error(frame, format!("the observation has {found} numbers, expected {OBSERVATION}"))
+            );
         };
         if self.left == 0 {
             let mut rng = Rng::new(self.seed, &self.scene, &format!("skill at frame {frame}"));

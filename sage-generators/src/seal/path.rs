@@ -10,7 +10,12 @@ use sage_core::{
 
 /// The ego's undisturbed paths seen from an adversary that follows a plan after its history: for each path of the ego one
 /// triple (forward, left, both are there) a frame. Headings of the adversary are those of its polyline.
-pub fn relative_paths(scene: &Scene, adversary: &Track, plan: &[Point], egos: &[EgoPath]) -> Vec<Vec<[f32; 3]>> {
+pub fn relative_paths(
+    scene: &Scene,
+    adversary: &Track,
+    plan: &[Point],
+    egos: &[EgoPath],
+) -> Vec<Vec<[f32; 3]>> {
     let first = (0..=NOW).find(|&frame| (frame..=NOW).all(|frame| adversary.is_valid(frame))).unwrap_or(NOW);
     let history = (first..=NOW).map(|frame| adversary.point(frame));
     let points: Vec<Point> = history.chain(plan.iter().copied()).collect();

@@ -36,7 +36,8 @@ pub fn learned_scores(
     ctx: &Context,
     egos: &[EgoPath],
 ) -> Result<Vec<f64>, sage_backbones::Error> {
-    let paths = plans.iter().flat_map(|plan| relative_paths(ctx.scene(), ctx.adversary(), plan.points(), egos));
+    let paths =
+        plans.iter().flat_map(|plan| relative_paths(ctx.scene(), ctx.adversary(), plan.points(), egos));
     let scores = network.scores(&paths.collect::<Vec<_>>())?;
     let of_plan = |scores: &[[f64; 2]]| scores.iter().map(|[a, b]| 0.5 * (a + b)).sum();
     Ok(scores.chunks(egos.len().max(1)).map(of_plan).collect())

@@ -35,19 +35,13 @@ pub fn targets(
 }
 
 /// `exp(−d/8)` of the least distance at a common frame; 0 without one.
-fn closeness(
-    ego: impl Iterator<Item = Option<Point>>,
-    other: impl Iterator<Item = Option<Point>>,
-) -> f64 {
+fn closeness(ego: impl Iterator<Item = Option<Point>>, other: impl Iterator<Item = Option<Point>>) -> f64 {
     let least = common(ego, other).min_by(f64::total_cmp);
     least.map_or(0.0, |d| (-d / DISTANCE_SCALE).exp().min(1.0))
 }
 
 /// `1 − exp(−s/8)` of the summed distance over the common frames; `None` without one.
-fn difference(
-    a: impl Iterator<Item = Option<Point>>,
-    b: impl Iterator<Item = Option<Point>>,
-) -> Option<f64> {
+fn difference(a: impl Iterator<Item = Option<Point>>, b: impl Iterator<Item = Option<Point>>) -> Option<f64> {
     let distances: Vec<f64> = common(a, b).collect();
     (!distances.is_empty()).then(|| 1.0 - (-distances.iter().sum::<f64>() / DISTANCE_SCALE).exp())
 }
@@ -97,12 +91,18 @@ mod tests {
         // A contact with another vehicle counts for the adversary, and for that vehicle alone.
         let other = rollout(&[&line(0.0), &line(9.0), &line(30.0)], &[2]);
         assert_eq!(targets(&other, &before, 0, 1, true).unwrap().collision, 1.0);
-        assert_eq!(targets(&other, &before, 0, 2, false).unwrap(), Targets { collision: 1.0, difference: 0.0 });
+        assert_eq!(
+            targets(&other, &before, 0, 2, false).unwrap(),
+            Targets { collision: 1.0, difference: 0.0 }
+        );
         let untouched = targets(&other, &before, 0, 1, false).unwrap();
         assert!((untouched.collision - (-9.0f64 / 8.0).exp()).abs() < 1e-12);
         // An adversary that is never there has no closeness; another vehicle that is absent has no scores.
         let absent = rollout(&[&line(0.0), &[None; 6], &line(30.0)], &[]);
-        assert_eq!(targets(&absent, &before, 0, 1, true).unwrap(), Targets { collision: 0.0, difference: 0.0 });
+        assert_eq!(
+            targets(&absent, &before, 0, 1, true).unwrap(),
+            Targets { collision: 0.0, difference: 0.0 }
+        );
         assert_eq!(targets(&absent, &before, 0, 1, false), None);
     }
 }

@@ -63,7 +63,8 @@ impl Default for TrainingOptions {
     fn default() -> Self {
         let hidden = SealOptions::default().hidden;
         // A tenth of the published epochs at ten times the rate explains as much of the actions.
-        let skills = SkillOptions { epochs: 30, rate: 1e-3, plateau: 3, cooldown: 2, ..SkillOptions::default() };
+        let skills =
+            SkillOptions { epochs: 30, rate: 1e-3, plateau: 3, cooldown: 2, ..SkillOptions::default() };
         let prior = PriorOptions { patience: Some(PRIOR_PATIENCE), ..PriorOptions::default() };
         Self { hidden, criticality: CriticalityOptions::default(), skills, prior }
     }
@@ -150,10 +151,11 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     let networks = SealOptions { hidden: options.hidden };
     let [adversarial, benign] = [(SEAL_FILE, adversarial), (BENIGN_FILE, benign)]
         .map(|(name, parameters)| SealWeights::new(&parameters, &networks, name));
-    let measured = measured::measure(&dev, &candidates, [adversarial?, benign?], &trained.encoder()?, args.seed)?;
+    let measured =
+        measured::measure(&dev, &candidates, [adversarial?, benign?], &trained.encoder()?, args.seed)?;
     let summary = json!({"counts": counts, "trained": trained.summary, "measured": measured});
+    run.folder().write(card::FILE, card::page(&header, &summary).as_bytes())?;
     let seconds = clock.elapsed().as_secs_f64();
-    run.folder().write(card::FILE, card::page(&header, &summary, seconds).as_bytes())?;
     run.finish(&summary, seconds)?;
     progress::say(&format!("`{SEAL_FILE}` is in `{}` ({seconds:.0} s)", args.folder.out.display()));
     Ok(scenes::outcome_without(failed))
@@ -164,7 +166,8 @@ fn collect(train: &[SceneData], candidates: &BuiltGenerator, seed: u64) -> Resul
     let total = train.len();
     let done = AtomicUsize::new(0);
     let one = |data: &SceneData| {
-        let collected = collected::collect(data, candidates, seed).with_context(|| format!("`{}`", data.name));
+        let collected =
+            collected::collect(data, candidates, seed).with_context(|| format!("`{}`", data.name));
         let done = 1 + done.fetch_add(1, Ordering::Relaxed);
         if done % 20 == 0 {
             progress::say(&format!("driven in {done} of {}", count(total, "scene")));
@@ -258,7 +261,10 @@ fn train_all(collected: Collected, options: &TrainingOptions, states: &States) -
     let mut curves = Curves::new();
     score.rows.iter().for_each(|r| curves.add("criticality", r.epoch, r.training, r.validation, r.rate));
     skills.rows.iter().for_each(|r| curves.add("skills", r.epoch, r.training, r.validation, r.rate));
-    adversarial.rows.iter().for_each(|r| curves.add("adversarial", r.epoch, r.training, r.validation, r.rate));
+    adversarial
+        .rows
+        .iter()
+        .for_each(|r| curves.add("adversarial", r.epoch, r.training, r.validation, r.rate));
     benign.rows.iter().for_each(|r| curves.add("benign", r.epoch, r.training, r.validation, r.rate));
     let best = |epoch: u32| epoch as usize - 1;
     let summary = json!({

@@ -16,7 +16,9 @@ use sage_sim::{
     SimScene,
     attack_test::AttackTest,
     policy::EgoPolicy,
-    rollout::{Rollout, adversary_seat, RolloutEnd, Targets, WINDOW, roll_out, rollout_driver, rules, seats, targets, windows},
+    rollout::{
+        Rollout, RolloutEnd, Targets, WINDOW, roll_out, rollout_driver, rules, seats, targets, windows,
+    },
     traffic::Plan,
 };
 use serde::Serialize;
@@ -38,9 +40,6 @@ pub(super) struct Counts {
     /// Roll-outs against a candidate, and how many of them ended in a contact.
     pub attacked: usize,
     pub attacked_contacts: usize,
-    /// Roll-outs in which the driver takes the adversary's car along a candidate, and how many of them ended in a contact.
-    pub seats: usize,
-    pub seat_contacts: usize,
     pub steps: usize,
     /// Windows of ordinary driving, and those that start in the last 20 steps before a contact.
     pub windows: usize,
@@ -63,7 +62,8 @@ impl Collected {
     /// Adds what was collected in another scene.
     pub(super) fn add(&mut self, other: Self) {
         let scene = self.counts.scenes as u32;
-        self.examples.extend(other.examples.into_iter().map(|example| CriticalityExample { scene, ..example }));
+        self.examples
+            .extend(other.examples.into_iter().map(|example| CriticalityExample { scene, ..example }));
         append(&mut self.ordinary, other.ordinary);
         append(&mut self.before_contact, other.before_contact);
         let (all, new) = (&mut self.counts, other.counts);
@@ -72,8 +72,6 @@ impl Collected {
         all.unattacked_contacts += new.unattacked_contacts;
         all.attacked += new.attacked;
         all.attacked_contacts += new.attacked_contacts;
-        all.seats += new.seats;
-        all.seat_contacts += new.seat_contacts;
         all.steps += new.steps;
         all.windows += new.windows;
         all.windows_before_contact += new.windows_before_contact;
@@ -96,6 +94,8 @@ pub(super) struct RolloutScene {
     pub driver: Box<dyn EgoPolicy>,
     /// The scene with the driver's undisturbed drive as the ego's path.
     pub undisturbed: Context,
+    /// The recorded scene.
+    pub recorded: Context,
     pub attack: Attack,
     pub unattacked: Rollout,
     seed: u64,
@@ -112,7 +112,7 @@ impl RolloutScene {
         let attack = candidates.attack(&ctx, 0, seed)?.context("the prior proposes nothing")?;
         let undisturbed = AttackTest::new(&*driver, &scene, seed)?.context()?;
         let unattacked = roll_out(&*driver, &scene, None, &rules(), seed)?;
-        Ok(Self { scene, driver, undisturbed, attack, unattacked, seed })
+        Ok(Self { scene, driver, undisturbed, recorded: ctx, attack, unattacked, seed })
     }
 
     /// The roll-out against a plan, and its scores.
@@ -120,10 +120,17 @@ impl RolloutScene {
     /// *Errors*: the scene cannot be driven.
     pub(super) fn against(&self, plan: Plan) -> Result<(Rollout, Targets)> {
         let adversary = plan.track;
-        let rollout = roll_out(&*self.driver, &self.scene, Some(Arc::new(plan)), &rules(), self.seed)?;
+        let rollout = self.driven(&*self.driver, plan)?;
         let ego = self.scene.scene().ego;
         let found = targets(&rollout, &self.unattacked, ego, adversary, true);
         Ok((rollout, found.context("the roll-outs have no common frame")?))
+    }
+
+    /// The roll-out of any driver against a plan.
+    ///
+    /// *Errors*: the scene cannot be driven.
+    pub(super) fn driven(&self, driver: &dyn EgoPolicy, plan: Plan) -> Result<Rollout> {
+        Ok(roll_out(driver, &self.scene, Some(Arc::new(plan)), &rules(), self.seed)?)
     }
 
     /// The plan of a candidate.
@@ -146,7 +153,8 @@ impl RolloutScene {
 /// *Errors*: the scene cannot be driven or attacked.
 pub(super) fn collect(data: &SceneData, candidates: &BuiltGenerator, seed: u64) -> Result<Collected> {
     let rollouts = RolloutScene::new(data, candidates, seed)?;
-    let mut collected = Collected { counts: Counts { scenes: 1, ..Counts::default() }, ..Collected::default() };
+    let mut collected =
+        Collected { counts: Counts { scenes: 1, ..Counts::default() }, ..Collected::default() };
     collected.note_unattacked(&rollouts.unattacked);
     for seat in seats(&data.scene, &data.index, SEATS) {
         collected.note_unattacked(&roll_out(&*rollouts.driver, &seat, None, &rules(), seed)?);
@@ -155,22 +163,15 @@ pub(super) fn collect(data: &SceneData, candidates: &BuiltGenerator, seed: u64) 
         let plan = rollouts.plan(candidate)?;
         let adversary = plan.track;
         let (rollout, found) = rollouts.against(plan)?;
-        collected.examples.push(example(rollouts.sequence(candidate), found, false));
+        collected.learn(rollouts.sequence(candidate), found, false);
         let others = nearest_others(&rollout, data.scene.ego, adversary);
         for track in others {
             let Some(found) = targets(&rollout, &rollouts.unattacked, data.scene.ego, track, false) else {
                 continue;
             };
             let sequence = relative_path(&undisturbed_path(&rollouts.undisturbed), &rollout.poses[track]);
-            collected.examples.push(example(sequence, found, true));
+            collected.learn(sequence, found, true);
             collected.counts.others += 1;
-        }
-        let seat = adversary_seat(&data.scene, &data.index, &rollouts.plan(candidate)?);
-        if let Ok(driven) = seat.and_then(|seat| roll_out(&*rollouts.driver, &seat, None, &rules(), seed)) {
-            collected.counts.seats += 1;
-            collected.counts.seat_contacts += usize::from(driven.end == RolloutEnd::Contact);
-            collected.counts.steps += driven.actions.len();
-            collected.counts.windows_before_contact += take(&mut collected.before_contact, &driven, true);
         }
         collected.counts.candidates += 1;
         collected.counts.attacked += 1;
@@ -182,6 +183,12 @@ pub(super) fn collect(data: &SceneData, candidates: &BuiltGenerator, seed: u64) 
 }
 
 impl Collected {
+    /// Adds an example of the score.
+    fn learn(&mut self, sequence: Vec<[f32; 3]>, found: Targets, is_auxiliary: bool) {
+        let targets = [found.collision as f32, found.difference as f32];
+        self.examples.push(CriticalityExample { scene: 0, sequence, targets, is_auxiliary });
+    }
+
     fn note_unattacked(&mut self, rollout: &Rollout) {
         self.counts.unattacked += 1;
         self.counts.unattacked_contacts += usize::from(rollout.end == RolloutEnd::Contact);
@@ -189,11 +196,6 @@ impl Collected {
         self.counts.windows += take(&mut self.ordinary, rollout, false);
         self.counts.windows_before_contact += take(&mut self.before_contact, rollout, true);
     }
-}
-
-fn example(sequence: Vec<[f32; 3]>, found: Targets, is_auxiliary: bool) -> CriticalityExample {
-    let targets = [found.collision as f32, found.difference as f32];
-    CriticalityExample { scene: 0, sequence, targets, is_auxiliary }
 }
 
 /// Takes the windows of a roll-out; returns their number.

@@ -43,8 +43,9 @@ impl Curves {
     pub(super) fn write(&self, folder: &Folder) -> Result<()> {
         folder.write(TABLE, self.table.csv().as_bytes())?;
         for (part, [training, validation]) in &self.parts {
-            let lines: Vec<Line> =
-                [("training", training), ("validation", validation)].map(|(name, points)| (name.to_owned(), points.clone())).into();
+            let lines: Vec<Line> = [("training", training), ("validation", validation)]
+                .map(|(name, points)| (name.to_owned(), points.clone()))
+                .into();
             let picture = line::draw(["epoch", "loss"], lines)?;
             folder.write(&format!("{part}.svg"), picture.as_bytes())?;
         }

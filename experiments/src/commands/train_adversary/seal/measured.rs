@@ -8,7 +8,8 @@ use sage_backbones::seal::{SKILL, SealWeights, SkillEncoder, SkillWindows, WINDO
 use sage_bench::estimate;
 use sage_core::{
     geometry::{Point, distance},
-    objective::Situation,
+    motion::Trajectory,
+    objective::{Context, Situation},
     scene::SceneData,
     statistics::{Estimate, median, rank_correlation},
 };
@@ -16,7 +17,9 @@ use sage_generators::{learned_scores, seal_reaction, selector::cat_select};
 use sage_sim::{
     environment::Environment,
     observation::LENGTH,
-    rollout::{RolloutEnd, rules},
+    policy::Replay,
+    rollout::{Rollout, RolloutEnd, rules},
+    traffic::Plan,
     vehicle::Action,
 };
 use serde::Serialize;
@@ -30,7 +33,10 @@ pub(super) struct Measured {
     rank: Option<Ranks>,
     /// Median over the windows of a scene of the farthest distance between a decoded skill and the drive, metres.
     decoded_distance: Option<Estimate>,
+    /// Against the car-following driver of the roll-outs.
     contacts: Option<Contacts>,
+    /// Against the ego's recording.
+    contacts_replay: Option<Contacts>,
 }
 
 /// Rank correlations with the measured collision score among the candidates of a scene.
@@ -60,6 +66,7 @@ struct InScene {
     decoded_distance: Option<f64>,
     /// Shares of contacts: skills before contacts, ordinary ones, the plan alone.
     contacts: [f64; 3],
+    contacts_replay: [f64; 3],
 }
 
 /// Measures the parts in all scenes; nothing without scenes.
@@ -73,7 +80,9 @@ pub(super) fn measure(
     seed: u64,
 ) -> Result<Measured> {
     let weights = weights.map(Arc::new);
-    let one = |data: &SceneData| in_scene(data, candidates, &weights, encoder, seed).with_context(|| format!("`{}`", data.name));
+    let one = |data: &SceneData| {
+        in_scene(data, candidates, &weights, encoder, seed).with_context(|| format!("`{}`", data.name))
+    };
     let all: Vec<Result<InScene>> = dev.par_iter().with_max_len(1).map(one).collect();
     let mut scenes = Vec::new();
     for measured in all {
@@ -89,8 +98,15 @@ pub(super) fn measure(
     };
     let ranks: Vec<[f64; 3]> = scenes.iter().filter_map(|scene| scene.ranks).collect();
     let of_ranks = |name: &str, of: fn(&[f64; 3]) -> f64| mean_of(name, ranks.iter().map(of).collect());
-    let of_contacts =
-        |name: &str, of: fn(&[f64; 3]) -> f64| mean_of(name, scenes.iter().map(|s| of(&s.contacts)).collect());
+    let contacts = |all: Vec<[f64; 3]>| {
+        let of = |name: &str, of: fn(&[f64; 3]) -> f64| mean_of(name, all.iter().map(of).collect());
+        Contacts {
+            adversarial: of("adversarial", |c| c[0]),
+            benign: of("benign", |c| c[1]),
+            difference: of("difference", |c| c[0] - c[1]),
+            plan: of("plan", |c| c[2]),
+        }
+    };
     Ok(Measured {
         rank: Some(Ranks {
             learned: of_ranks("learned", |r| r[0]),
@@ -100,12 +116,8 @@ pub(super) fn measure(
             learned_less_r_adv: of_ranks("learned less r_adv", |r| r[0] - r[2]),
         }),
         decoded_distance: mean_of("decoded", scenes.iter().filter_map(|s| s.decoded_distance).collect()),
-        contacts: Some(Contacts {
-            adversarial: of_contacts("adversarial", |c| c[0]),
-            benign: of_contacts("benign", |c| c[1]),
-            difference: of_contacts("difference", |c| c[0] - c[1]),
-            plan: of_contacts("plan", |c| c[2]),
-        }),
+        contacts: Some(contacts(scenes.iter().map(|scene| scene.contacts).collect())),
+        contacts_replay: Some(contacts(scenes.iter().map(|scene| scene.contacts_replay).collect())),
     })
 }
 
@@ -125,31 +137,37 @@ fn in_scene(
     let points: Vec<&[Point]> = plans.iter().map(|plan| plan.points()).collect();
     let ego = [(ctx.ego().positions(), 1.0)];
     let cat = cat_select(&points, &log_probs, &ego, ctx.size(), ctx.ego_size()).scores;
-    let reward = |plan: &sage_core::motion::Trajectory| {
+    let reward = |plan: &Trajectory| {
         let candidate = ctx.candidate(plan.clone());
         Situation::new(&candidate, ctx.ego(), ctx).encounter.reward(ctx.convention())
     };
     let r_adv: Vec<f64> = plans.iter().map(|plan| reward(plan)).collect();
-    let (mut collisions, mut contacts) = (Vec::new(), [0.0; 3]);
+    let (mut collisions, mut contacts, mut contacts_replay) = (Vec::new(), [0.0; 3], [0.0; 3]);
     for candidate in all {
         let plan = rollouts.plan(candidate)?;
         let adversary = plan.track;
         let (rollout, found) = rollouts.against(plan.clone())?;
         collisions.push(found.collision);
-        let is_hit = |rollout: &sage_sim::rollout::Rollout| {
+        let is_hit = |rollout: &Rollout| {
             f64::from(rollout.end == RolloutEnd::Contact && rollout.touched.contains(&adversary))
         };
         contacts[2] += is_hit(&rollout);
-        for (weights, contacts) in weights.iter().zip(&mut contacts) {
-            let reaction = seal_reaction(weights.clone(), &candidate.trajectory, ctx, seed);
-            let plan = sage_sim::traffic::Plan { reaction: Some(reaction), ..plan.clone() };
-            *contacts += is_hit(&rollouts.against(plan)?.0);
+        contacts_replay[2] += is_hit(&rollouts.driven(&Replay, plan.clone())?);
+        for (k, weights) in weights.iter().enumerate() {
+            let reacting = |ctx: &Context| {
+                let reaction = seal_reaction(weights.clone(), &candidate.trajectory, ctx, seed);
+                Plan { reaction: Some(reaction), ..plan.clone() }
+            };
+            contacts[k] += is_hit(&rollouts.driven(&*rollouts.driver, reacting(ctx))?);
+            contacts_replay[k] += is_hit(&rollouts.driven(&Replay, reacting(&rollouts.recorded))?);
         }
     }
     let differs = collisions.iter().any(|x| *x != collisions[0]);
     let ranks = differs.then(|| [&learned, &cat, &r_adv].map(|scores| rank_correlation(scores, &collisions)));
     let decoded_distance = decoded_distance(&rollouts, &weights[0], encoder, seed)?;
-    Ok(InScene { ranks, decoded_distance, contacts: contacts.map(|sum| sum / all.len() as f64) })
+    let [contacts, contacts_replay] =
+        [contacts, contacts_replay].map(|sums| sums.map(|sum| sum / all.len() as f64));
+    Ok(InScene { ranks, decoded_distance, contacts, contacts_replay })
 }
 
 /// Median over the windows of the unattacked drive, one a second, of the farthest distance in 10 steps between the drive and

@@ -1,0 +1,132 @@
+//! `sage train-adversary` and what it trains, as a user runs them.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod program;
+
+use std::{fs, path::Path};
+
+use program::*;
+
+/// Parts that are trained in seconds.
+const SMALL: &str =
+    r#"{"hidden": 8, "criticality": {"epochs": 3}, "skills": {"epochs": 2}, "prior": {"epochs": 4}}"#;
+
+fn train(out: &Path, more: &[&str]) -> std::process::Output {
+    let run = ["train-adversary", "seal", "--procedural", "8", "--options", SMALL, "--out", text(out)];
+    sage(&[&run[..], more].concat())
+}
+
+/// A folder of weights with the trained parts beside the prior.
+fn weights(folder: &Path, trained: &Path) -> std::path::PathBuf {
+    let weights = folder.join("weights");
+    fs::create_dir(&weights).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
+    for name in ["prior.safetensors", "realistic.safetensors", "adversarial.safetensors", "dial.json"] {
+        fs::copy(shipped.join(name), weights.join(name)).unwrap();
+    }
+    for name in ["seal.safetensors", "seal-benign.safetensors"] {
+        fs::copy(trained.join(name), weights.join(name)).unwrap();
+    }
+    weights
+}
+
+#[test]
+fn trained_parts_are_found_beside_the_prior_and_attack_the_same_way_twice() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let [one, two] = ["one", "two"].map(path);
+    assert!(train(&one, &["--threads", "2"]).status.success());
+    assert!(train(&two, &["--threads", "1"]).status.success());
+    for name in ["seal.safetensors", "seal-benign.safetensors", "curves.csv", "skills.svg"] {
+        assert!(fs::read(one.join(name)).unwrap() == fs::read(two.join(name)).unwrap(), "{name}");
+    }
+    let named = weights(folder.path(), &one);
+    let attack = |out: &str, more: &[&str]| {
+        let run = ["generate", &example(), "--weights", text(&named), "--json", "--out", text(&path(out))];
+        rows(&sage(&[&run[..], more].concat())).remove(0)
+    };
+    let plan = attack("score", &["--method", "seal-score"]);
+    let driven = attack("seal", &["--method", "seal"]);
+    let again = attack("again", &["--method", "seal", "--threads", "1"]);
+    assert_eq!(driven["trajectory"], again["trajectory"]);
+    assert_eq!(driven["chosen"], plan["chosen"]);
+    let note = driven["note"].as_str().unwrap();
+    assert!(
+        note.starts_with("the adversary reacts from ") && note.ends_with("against the ego's recording"),
+        "{note}"
+    );
+    assert!(plan["note"].is_null(), "{plan}");
+    // The plan up to the hand-over, which is never at its first step in this scene, then another path.
+    let [a, b] = [&plan, &driven].map(|row| row["trajectory"].as_array().unwrap());
+    assert!(a[0] == b[0] && a[79] != b[79]);
+
+    // Against a driver it reacts to that driver; its file replays what it drove.
+    let file = path("seal").join("crossing_seal.json");
+    let simulate = |out: &str, more: &[&str]| {
+        let run = ["simulate", &example(), "--ego", "idm", "--json", "--out", text(&path(out))];
+        rows(&sage(&[&run[..], more].concat())).remove(0)
+    };
+    let reacting = simulate("reacting", &["--method", "seal", "--weights", text(&named)]);
+    let replayed = simulate("replayed", &["--attack", text(&file)]);
+    assert_eq!(replayed["trajectory"], driven["trajectory"]);
+    assert_ne!(reacting["trajectory"], driven["trajectory"]);
+    let benign =
+        attack("benign", &["--method", "seal", "--options", r#"{"file": "seal-benign.safetensors"}"#]);
+    assert_ne!(benign["trajectory"], driven["trajectory"]);
+
+    // The score is a measure and an objective.
+    let objective = path("learned.json");
+    let term = format!(
+        r#"{{"terms": [{{"name": "learned-criticality", "weight": 1, "options": {{"weights": "{}"}}}}]}}"#,
+        text(&named)
+    );
+    fs::write(&objective, term).unwrap();
+    let learned = attack("learned", &["--method", "cat", "--selection", text(&objective)]);
+    assert!(
+        learned["scores"]["learned-criticality"].as_f64().is_some_and(|x| (0.0..=1.0).contains(&x)),
+        "{learned}"
+    );
+}
+
+#[test]
+fn parts_that_cannot_be_used_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    assert!(train(&run, &[]).status.success());
+    let named = weights(folder.path(), &run);
+    let file = named.join("seal.safetensors");
+    let out = folder.path().join("out");
+    let refused = || {
+        failure(&["generate", &example(), "--method", "seal", "--weights", text(&named), "--out", text(&out)])
+    };
+    let whole = fs::read(&file).unwrap();
+    fs::write(&file, &whole[..whole.len() - 7]).unwrap();
+    assert!(refused().contains("seal.safetensors` is no whole file of weights"), "{}", refused());
+    fs::copy(named.join("prior.safetensors"), &file).unwrap();
+    assert!(refused().contains("holds the network `densetnt`, expected `seal`"), "{}", refused());
+    fs::remove_file(&file).unwrap();
+    assert!(refused().contains("`sage train-adversary seal` makes it"), "{}", refused());
+    for (options, problem) in [
+        (r#"{"hidden": 0}"#, "`hidden` is 0"),
+        (r#"{"depth": 3}"#, "unknown field `depth`"),
+        (r#"{"skills": {"rate": -1}}"#, "learning rate is -1"),
+    ] {
+        let said = failure(&[
+            "train-adversary",
+            "seal",
+            "--procedural",
+            "8",
+            "--options",
+            options,
+            "--out",
+            text(&out),
+        ]);
+        assert!(said.contains(problem), "{said}");
+    }
+    for options in [r#"{"before_hit": 81}"#, r#"{"file": "../seal.safetensors"}"#, r#"{"candidates": 0}"#] {
+        let said =
+            failure(&["generate", &example(), "--method", "seal", "--options", options, "--out", text(&out)]);
+        assert!(said.contains("expected"), "{said}");
+    }
+}

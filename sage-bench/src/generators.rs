@@ -27,6 +27,9 @@ use crate::{
     selection::Selection,
 };
 
+/// Prefix of the names of files that hold the parts of `seal`.
+const SEAL_PREFIX: &str = "seal";
+
 /// What the generators of a command are built from: weights, merger, selection and seed. Clones share the data.
 #[derive(Clone)]
 pub struct Generators<'r> {
@@ -224,13 +227,22 @@ fn against_recording(attacks: Vec<Attack>, ctx: &Context, seed: u64) -> Result<V
     attacks.into_iter().map(driven).collect()
 }
 
-/// Hashes of a prior and its experts, by name.
+/// Hashes of a prior and its experts, and of the parts of learned adversaries beside them, by name.
 ///
-/// *Errors*: none on a CPU.
+/// *Errors*: a file beside the prior that cannot be read.
 pub fn weight_hashes(experts: &ExpertSet) -> Result<Map<String, Value>> {
     let experts_of = experts.experts().iter().map(|(name, weights)| (&**name, weights));
     let all = std::iter::once(("prior", experts.prior().parameters())).chain(experts_of);
-    all.map(|(name, weights)| Ok((name.to_owned(), weights.hash()?.into()))).collect()
+    let mut hashes = all
+        .map(|(name, weights)| Ok((name.to_owned(), weights.hash()?.into())))
+        .collect::<Result<Map<_, _>>>()?;
+    if let Some(source) = experts.source() {
+        for file in source.tensor_files().into_iter().filter(|file| file.starts_with(SEAL_PREFIX)) {
+            let hash = source.tensors(&file)?.0.hash()?;
+            hashes.insert(file, hash.into());
+        }
+    }
+    Ok(hashes)
 }
 
 /// Refuses duplicate rows.

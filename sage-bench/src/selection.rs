@@ -22,8 +22,8 @@ pub struct Selection {
 }
 
 impl Selection {
-    /// Builds a selection from the name of a preset or of a JSON file. `feasibility` replaces its
-    /// feasibility rule.
+    /// Builds a selection from the name of a preset or of a JSON file, or from the JSON itself. `feasibility` replaces
+    /// its feasibility rule.
     ///
     /// *Errors*: there is no such preset or file, or it names a part that is not registered.
     pub fn of(registries: &Registries, name: &str, feasibility: Option<&Part>) -> Result<Self> {
@@ -41,11 +41,14 @@ impl Selection {
 }
 
 fn read(name: &str) -> Result<ObjectiveSpec> {
+    if name.trim_start().starts_with('{') {
+        return serde_json::from_str(name).with_context(|| format!("selection `{name}`"));
+    }
     let path = Path::new(name);
     if !name.ends_with(".json") && !path.exists() {
         let known = PRESETS.map(|(name, _)| name).join(", ");
         return Err(Error::Unknown(format!(
-            "unknown selection `{name}`; known: {known}; or a JSON file of an objective"
+            "unknown selection `{name}`; known: {known}; or an objective as JSON or as a JSON file"
         ))
         .into());
     }

@@ -13,7 +13,7 @@ pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, Repor
 use crate::{part::PolicyPart, rows::Subject};
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 24] = [
+pub const SHIPPED: [(&str, &str); 26] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("front", include_str!("../studies/front.yaml")),
@@ -29,6 +29,8 @@ pub const SHIPPED: [(&str, &str); 24] = [
     ("search", include_str!("../studies/search.yaml")),
     ("threshold", include_str!("../studies/threshold.yaml")),
     ("transfer", include_str!("../studies/transfer.yaml")),
+    ("learned-selection", include_str!("../studies/learned-selection.yaml")),
+    ("learned-experts", include_str!("../studies/learned-experts.yaml")),
     ("paper-table-replay", include_str!("../studies/paper-table-replay.yaml")),
     ("paper-table-rl", include_str!("../studies/paper-table-rl.yaml")),
     ("paper-table-expert", include_str!("../studies/paper-table-expert.yaml")),

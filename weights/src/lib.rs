@@ -9,5 +9,7 @@ pub const PROCEDURAL: &[(&str, &[u8])] = &[
     ("realistic.safetensors", include_bytes!("../procedural/realistic.safetensors")),
     ("adversarial.safetensors", include_bytes!("../procedural/adversarial.safetensors")),
     ("lawful.safetensors", include_bytes!("../procedural/lawful.safetensors")),
+    #[cfg(feature = "seal")]
+    ("seal.safetensors", include_bytes!("../procedural/seal.safetensors")),
     ("dial.json", include_bytes!("../procedural/dial.json")),
 ];

@@ -35,9 +35,9 @@ pub(crate) struct TrainSealArgs {
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Scenes on which the trained parts are measured; not used in training.
-    #[arg(long, help_heading = SCENE, value_name = "DIR")]
-    pub dev: Option<PathBuf>,
+    /// Scene files and folders on which the trained parts are measured; scenes of the training are left out.
+    #[arg(long, help_heading = SCENE, value_name = "PATH", num_args = 1..)]
+    pub dev: Vec<PathBuf>,
     /// Number of procedural scenes if no PATH is given.
     #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,

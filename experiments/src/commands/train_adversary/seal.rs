@@ -6,6 +6,7 @@ mod curves;
 mod measured;
 
 use std::{
+    collections::HashSet,
     sync::atomic::{AtomicUsize, Ordering},
     time::Instant,
 };
@@ -98,11 +99,13 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     let generators = Generators::new(registries, &merger, &selection, args.seed)?.with_experts(&experts);
     let candidates = generators.build(&Part::named(CANDIDATES), &[])?;
     let training = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
-    let validation = args.dev.as_ref().map(|dev| Scenes::under(std::slice::from_ref(dev))).transpose()?;
-    let validation = validation.map(Scenes::attackable).transpose()?;
+    let validation =
+        if args.dev.is_empty() { Scenes::default() } else { Scenes::under(&args.dev)?.attackable()? };
     let train = training.read_all()?;
-    let dev = validation.as_ref().map(Scenes::read_all).transpose()?.unwrap_or_default();
-    let failed = training.failed() + validation.as_ref().map_or(0, Scenes::failed);
+    let known: HashSet<[u8; 16]> = train.iter().map(|data| data.scene.content_hash()).collect();
+    let mut dev = if args.dev.is_empty() { Vec::new() } else { validation.read_all()? };
+    dev.retain(|data| !known.contains(&data.scene.content_hash()));
+    let failed = training.failed() + validation.failed();
     let data = scenes::describe(&train);
     let identity = json!({
         "command": "train-adversary seal", "options": options, "data": &data, "dev": scenes::describe(&dev),

@@ -43,7 +43,8 @@ fn trained_parts_are_found_beside_the_prior_and_attack_the_same_way_twice() {
     }
     let named = weights(folder.path(), &one);
     let attack = |out: &str, more: &[&str]| {
-        let run = ["generate", &example(), "--weights", text(&named), "--json", "--out", text(&path(out))];
+        let (scene, out) = (example(), path(out));
+        let run = ["generate", &scene, "--weights", text(&named), "--json", "--out", text(&out)];
         rows(&sage(&[&run[..], more].concat())).remove(0)
     };
     let plan = attack("score", &["--method", "seal-score"]);
@@ -62,9 +63,10 @@ fn trained_parts_are_found_beside_the_prior_and_attack_the_same_way_twice() {
     assert!(a[0] == b[0] && a[79] != b[79]);
 
     // Against a driver it reacts to that driver; its file replays what it drove.
-    let file = path("seal").join("crossing_seal.json");
+    let file = path("seal").join("crossing-seal.json");
     let simulate = |out: &str, more: &[&str]| {
-        let run = ["simulate", &example(), "--ego", "idm", "--json", "--out", text(&path(out))];
+        let (scene, out) = (example(), path(out));
+        let run = ["simulate", &scene, "--ego", "idm", "--json", "--out", text(&out)];
         rows(&sage(&[&run[..], more].concat())).remove(0)
     };
     let reacting = simulate("reacting", &["--method", "seal", "--weights", text(&named)]);
@@ -102,7 +104,7 @@ fn parts_that_cannot_be_used_are_refused_by_name() {
     };
     let whole = fs::read(&file).unwrap();
     fs::write(&file, &whole[..whole.len() - 7]).unwrap();
-    assert!(refused().contains("seal.safetensors` is no whole file of weights"), "{}", refused());
+    assert!(refused().contains("seal.safetensors`: is no whole file of weights"), "{}", refused());
     fs::copy(named.join("prior.safetensors"), &file).unwrap();
     assert!(refused().contains("holds the network `densetnt`, expected `seal`"), "{}", refused());
     fs::remove_file(&file).unwrap();

@@ -210,8 +210,8 @@ impl Study {
             Ok(parsed) if !parsed.is_null() || value.trim() == "null" => parsed,
             _ => value.into(),
         };
-        // A part with options, such as king{"apart": 2}, is a text.
-        if fields[name].is_object() && !value.trim_start().starts_with('{') {
+        // A part with options, such as king{"apart": 2}, is a text, and so is an objective.
+        if fields[name].is_object() && (!value.trim_start().starts_with('{') || name == "selection") {
             fields[name] = value.into();
         }
         let changed = serde_json::from_value::<Self>(fields);

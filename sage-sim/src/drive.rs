@@ -9,7 +9,7 @@ use sage_core::{
 
 use crate::{
     Error,
-    body::{Body, BodyKind, BodyShape},
+    body::{Body, BodyShape},
     observation::{Driving, ObservationKind, Observed},
     policy::{ControlledVehicle, Driver, EgoPolicy, Knowledge, Shown, Start, View},
     reacting::Reacting,
@@ -124,6 +124,11 @@ impl Simulation {
         self.world.replace_plan(plan)
     }
 
+    /// Lets an adversary that reacts brake from now on.
+    pub(crate) fn stop_adversary(&mut self) {
+        self.reacting.iter_mut().for_each(Reacting::brake);
+    }
+
     /// Observations of another kind for the policy; [`ObservationKind::Corrected`] is the default.
     pub fn with_observation(mut self, kind: ObservationKind) -> Self {
         self.observation = kind;
@@ -168,7 +173,7 @@ impl Simulation {
             let track = scene.scene().adversary_index()?;
             let mut others: Vec<Body> =
                 world.bodies().iter().filter(|body| body.track != track).copied().collect();
-            others.push(ego_body(world));
+            others.push(world.ego_body());
             let (area, ground) = (body.area, body.ground);
             let vehicle = ControlledVehicle {
                 track,
@@ -199,22 +204,6 @@ fn started(
     seed: u64,
 ) -> Result<Box<dyn Driver>, Error> {
     policy.start(&Start::new(scene, track, policy.knows(), seed))
-}
-
-/// The ego as a body for others.
-pub(crate) fn ego_body(world: &World) -> Body {
-    let (scene, motion) = (world.scene().scene(), world.motion());
-    Body {
-        track: scene.ego,
-        kind: BodyKind::of(scene.ego()),
-        class: None,
-        area: world.area(),
-        heading: motion.heading,
-        velocity: motion.velocity,
-        yaw_rate: motion.yaw_rate,
-        ground: world.level(),
-        is_falling: false,
-    }
 }
 
 /// The record of a drive.

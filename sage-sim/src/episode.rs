@@ -148,7 +148,7 @@ impl Progress {
         LAST_FRAME.min(self.scene.scene().frames - 1)
     }
 
-    /// Drives to the end, and on to the last frame for the path of an adversary that reacts at frames 11 to 90: it goes on
+    /// Drives to the end, and on to the last frame for the path of an adversary that reacts at frames 11 to 90: it brakes
     /// after a contact, which ends the episode. Beyond the recording, and where the driver fails after the end, it stays.
     ///
     /// *Errors*: as [`Progress::drive_to`].
@@ -179,6 +179,7 @@ impl Progress {
         let Self { mut simulation, mut recorder, arrived, found, scene } = self;
         let route = scene.window_length();
         let drive = recorder.drive().clone();
+        simulation.stop_adversary();
         let overlaps = if found == 0 {
             Vec::new()
         } else if simulation.is_posed() {

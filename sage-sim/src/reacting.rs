@@ -10,7 +10,6 @@ use sage_core::{
 use crate::{
     Error,
     body::Body,
-    drive::ego_body,
     observation::{Driving, LENGTH, ObservationKind, Seat, observe},
     route::{Localization, Route},
     traffic::Plan,
@@ -27,6 +26,8 @@ pub(crate) struct Reacting {
     route: Arc<Route>,
     /// `None` until it takes over.
     state: Option<State>,
+    /// Whether it brakes, as after a contact.
+    brakes: bool,
 }
 
 /// The policy at the wheel.
@@ -50,7 +51,12 @@ impl Reacting {
         let reaction = plan.reaction.clone()?;
         debug_assert_eq!(Some(plan.track), scene.adversary);
         let route = Arc::new(Route::of_track(&plan.motion, 0, false));
-        Some(Self { reaction, track: plan.track, route, state: None })
+        Some(Self { reaction, track: plan.track, route, state: None, brakes: false })
+    }
+
+    /// From now on it brakes: a driver that has hit somebody stops, and no learned one knows what follows a contact.
+    pub(crate) fn brake(&mut self) {
+        self.brakes = true;
     }
 
     /// The control of the next step; `None` while it follows its plan.
@@ -62,10 +68,13 @@ impl Reacting {
             return Ok(None);
         }
         let how = Localization::Nearest;
-        if self.state.is_none() {
+        if self.state.is_none() && world.adversary_motion().is_none() {
             world.drive_adversary()?;
         }
         let Some((&motion, &body)) = world.adversary_motion() else { return Ok(None) };
+        if self.brakes {
+            return Ok(Some(Control::Drive(Action { steer: 0.0, throttle: -1.0 })));
+        }
         let state = match &mut self.state {
             Some(state) => {
                 state.driving.advance(state.action, &self.route, how, &motion);
@@ -82,7 +91,7 @@ impl Reacting {
         };
         let mut others: Vec<Body> =
             world.bodies().iter().filter(|body| body.track != self.track).copied().collect();
-        others.push(ego_body(world));
+        others.push(world.ego_body());
         let seat = Seat {
             world,
             motion: &motion,

@@ -20,7 +20,7 @@ use sage_core::{Error as CoreError, geometry::OrientedBox};
 
 use crate::{
     Error,
-    body::Body,
+    body::{Body, BodyKind},
     lines::LineKind,
     scene::{LEVEL_GAP, SimScene},
     traffic::{EgoBody, Plan, Traffic},
@@ -220,6 +220,22 @@ impl World {
     /// The car's box at its reported pose.
     pub fn area(&self) -> OrientedBox {
         self.area_at(&self.state.motion)
+    }
+
+    /// The car as others see it.
+    pub(crate) fn ego_body(&self) -> Body {
+        let (scene, motion) = (self.scene.scene(), self.motion());
+        Body {
+            track: scene.ego,
+            kind: BodyKind::of(scene.ego()),
+            class: None,
+            area: self.area(),
+            heading: motion.heading,
+            velocity: motion.velocity,
+            yaw_rate: motion.yaw_rate,
+            ground: self.level(),
+            is_falling: false,
+        }
     }
 
     /// The other road users.

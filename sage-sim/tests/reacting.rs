@@ -195,3 +195,30 @@ fn a_reaction_before_now_or_after_the_end_is_refused() {
     assert_eq!(note, "the adversary reacts from 2.5 s on; this is the path that it drove against `idm`");
     assert!(driven.reaction.is_none());
 }
+
+#[test]
+fn it_brakes_after_a_contact() {
+    let mut contacts = 0;
+    for seed in 0..12 {
+        let Some(found) = generate(Kind::FourWay, seed, 0) else { continue };
+        let found = Arc::new(found);
+        let scene = SimScene::new(found.clone(), SceneIndex::new(found.map.clone())).unwrap();
+        // Straight to where the ego is in 3 s, then on with full throttle.
+        let [from, to] = [scene.scene().adversary().unwrap().point(NOW), scene.scene().ego().point(NOW + 30)];
+        let at = |step: usize| [0, 1].map(|k| from[k] + (to[k] - from[k]) * step as f64 / 30.0);
+        let plan = Trajectory::new("straight", (1..=HORIZON).map(at).collect()).unwrap();
+        let throttle = Constant { action: [0.0, 1.0], ..Constant::default() };
+        let reaction = Reaction { from: NOW + 20, policy: Arc::new(throttle), seed: 0 };
+        let attacked = Attack { reaction: Some(reaction), ..Attack::only(Proposal::of(plan)) };
+        let ego = policy("replay");
+        let test = AttackTest::new(&*ego, &scene, 0).unwrap();
+        let path = test.path_of(&attacked).unwrap();
+        let last = path.trajectory.points()[HORIZON - 1];
+        let outcome = test.attack_along(path.clone(), true).unwrap();
+        if outcome.meets_adversary() && outcome.episode.steps() < 60 {
+            contacts += 1;
+            assert!(distance(path.trajectory.points()[HORIZON - 2], last) < 0.02, "seed {seed}");
+        }
+    }
+    assert!(contacts > 3, "{contacts}");
+}

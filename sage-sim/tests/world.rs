@@ -131,7 +131,7 @@ fn reactive_traffic_keeps_its_distance() {
 fn a_plan_replaces_the_log_and_may_run_late() {
     let tracks = vec![car("ego", [0.0, 0.0], 0.0, 5.0), car("adversary", [20.0, 4.0], 0.0, 5.0)];
     let scene = prepared(scene(road(), tracks));
-    let plan = Arc::new(Plan { track: 1, motion: car("adversary", [20.0, 8.0], 0.0, 7.0) });
+    let plan = Arc::new(Plan { track: 1, motion: car("adversary", [20.0, 8.0], 0.0, 7.0), reaction: None });
     for (late, row) in [(false, 5), (true, 4)] {
         let traffic = TrafficOptions { late_plan: late, ..TrafficOptions::default() };
         let options = Arc::new(WorldOptions { traffic, ..WorldOptions::default() });
@@ -186,7 +186,7 @@ fn bad_input_gets_clear_errors() {
     let free = prepared(scene(road(), vec![ego(), car("other", [50.0, 9.0], 0.0, 0.0)]));
     let mut short = car("other", [50.0, 9.0], 0.0, 0.0);
     short.valid.pop();
-    let plan = |motion| Some(Arc::new(Plan { track: 1, motion }));
+    let plan = |motion| Some(Arc::new(Plan { track: 1, motion, reaction: None }));
     assert_snapshot!(fail(&free, plan(short)), @"plan: 90 points, expected 91");
     let mut broken = car("other", [50.0, 9.0], 0.0, 0.0);
     broken.position[4][1] = f64::NAN;
@@ -269,7 +269,7 @@ fn reactive_vehicles_do_not_return_and_planned_ones_are_never_left_out() {
     }
     assert!(is_gone);
     // A parked adversary with a plan moves, although parked cars are left out.
-    let plan = Arc::new(Plan { track: 1, motion: car("adversary", [500.0, 50.0], 0.0, 7.0) });
+    let plan = Arc::new(Plan { track: 1, motion: car("adversary", [500.0, 50.0], 0.0, 7.0), reaction: None });
     let traffic = TrafficOptions { parked: false, ..TrafficOptions::default() };
     let options = Arc::new(WorldOptions { traffic, ..WorldOptions::default() });
     let world = World::new(prepared_scene, options, Some(plan), 0).unwrap();

@@ -63,7 +63,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Demo(DemoArgs),
-    /// List generators, mergers, rewards, objectives, driving policies and all other parts.
+    /// List generators, mergers, rewards, objectives, driving policies and other parts.
     #[command(after_help = "Example:\n  sage list --json")]
     List {
         /// Print one JSON object per line.
@@ -122,7 +122,7 @@ Examples:
     },
 }
 
-/// Generate procedural scenes, attack them at five aggressions, and show them on a page.
+/// Generate procedural scenes, attack them at five aggressions, and show them.
 ///
 /// Runs `sage scenes` and `sage generate` and prints both commands, and at the end the page to open. Uses the weights in
 /// the binary.

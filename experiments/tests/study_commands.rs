@@ -99,7 +99,7 @@ fn a_study_is_checked_before_scenes_are_read() {
     ];
     let said = wrong.map(|(from, to)| (to, error(from, to)));
     assert_snapshot!("wrong_studies", messages(said));
-    assert_snapshot!(failure(&["bench", "nothing", "--out", text(&out)]), @"error: there is no study `nothing`; known: open-loop, drivers, front, pareto, dial, mixtures, prediction, closed-loop, ablation, experts, react, connectivity, search, threshold, transfer, paper-table-replay, paper-table-rl, paper-table-expert, paper-table-idm, paper-ablation, paper-parts, paper-pareto, paper-extrapolation, paper-cases; or the file of a study (YAML)");
+    assert_snapshot!(failure(&["bench", "nothing", "--out", text(&out)]), @"error: there is no study `nothing`; known: open-loop, drivers, front, pareto, dial, mixtures, prediction, closed-loop, ablation, experts, react, connectivity, search, threshold, transfer, learned-selection, learned-experts, paper-table-replay, paper-table-rl, paper-table-expert, paper-table-idm, paper-ablation, paper-parts, paper-pareto, paper-extrapolation, paper-cases; or the file of a study (YAML)");
     assert!(!out.exists());
     assert_snapshot!("list_of_studies", stdout(&sage(&["bench", "list"])));
 }

@@ -71,8 +71,8 @@ fn trained_parts_are_found_beside_the_prior_and_attack_the_same_way_twice() {
     };
     let reacting = simulate("reacting", &["--method", "seal", "--weights", text(&named)]);
     let replayed = simulate("replayed", &["--attack", text(&file)]);
-    assert_eq!(replayed["trajectory"], driven["trajectory"]);
-    assert_ne!(reacting["trajectory"], driven["trajectory"]);
+    assert_eq!(replayed["attack"]["trajectory"], driven["trajectory"]);
+    assert_ne!(reacting["attack"]["trajectory"], driven["trajectory"]);
     let benign =
         attack("benign", &["--method", "seal", "--options", r#"{"file": "seal-benign.safetensors"}"#]);
     assert_ne!(benign["trajectory"], driven["trajectory"]);
@@ -111,6 +111,7 @@ fn parts_that_cannot_be_used_are_refused_by_name() {
     assert!(refused().contains("`sage train-adversary seal` makes it"), "{}", refused());
     for (options, problem) in [
         (r#"{"hidden": 0}"#, "`hidden` is 0"),
+        (r#"{"prior": {"hidden": 8}}"#, "`prior.hidden` cannot be given"),
         (r#"{"depth": 3}"#, "unknown field `depth`"),
         (r#"{"skills": {"rate": -1}}"#, "learning rate is -1"),
     ] {

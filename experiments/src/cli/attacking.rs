@@ -22,7 +22,7 @@ use crate::{
     part::{Part, PolicyPart},
 };
 
-/// Generate adversarial scenes: replace the adversary's future and keep everything else.
+/// Generate adversarial scenes: replace the adversary's future, keep everything else.
 ///
 /// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file), a TFRecord file of the Waymo Open
 /// Motion Dataset, a record of it (FILE#3), or a folder of such files. Each scene is attacked at each operating

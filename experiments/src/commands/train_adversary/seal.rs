@@ -11,7 +11,7 @@ use std::{
     time::Instant,
 };
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
     Parameters,
@@ -49,6 +49,14 @@ const CANDIDATES: &str = "cat";
 /// Epochs of a distribution of skills without an improvement after which its training ends.
 const PRIOR_PATIENCE: u32 = 15;
 
+/// Options of the parts that are options of the whole, and how they are given.
+const OWN_OPTIONS: [(&str, &str, &str); 4] = [
+    ("criticality", "seed", "--seed"),
+    ("skills", "seed", "--seed"),
+    ("prior", "seed", "--seed"),
+    ("prior", "hidden", "`hidden`"),
+];
+
 /// Options of the training; seed and width are set from the outside.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -77,6 +85,10 @@ impl TrainingOptions {
         let options: Self =
             serde_json::from_str(given).with_context(|| format!("--options: `{given}` is not usable"))?;
         SealOptions { hidden: options.hidden }.check()?;
+        let raw: Value = serde_json::from_str(given)?;
+        for (part, key, option) in OWN_OPTIONS {
+            ensure!(raw[part].get(key).is_none(), "--options: `{part}.{key}` cannot be given; use {option}");
+        }
         let (hidden, seed) = (options.hidden, args.seed);
         Ok(Self {
             criticality: CriticalityOptions { seed, ..options.criticality },

@@ -1,5 +1,7 @@
 //! Adversaries that react: a policy takes over in mid-drive.
 
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
 use std::sync::{Arc, Mutex};
 
 use sage_core::{
@@ -21,11 +23,14 @@ use sage_sim::{
     vehicle::Action,
 };
 
+/// Frame and observation.
+type Seen = (usize, Vec<f32>);
+
 /// Gives constant actions and notes what it is given.
 #[derive(Clone, Default)]
 struct Constant {
     action: [f64; 2],
-    seen: Arc<Mutex<Vec<(usize, Vec<f32>)>>>,
+    seen: Arc<Mutex<Vec<Seen>>>,
 }
 
 impl ReactivePolicy for Constant {

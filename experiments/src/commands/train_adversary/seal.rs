@@ -184,7 +184,7 @@ fn collect(train: &[SceneData], candidates: &BuiltGenerator, seed: u64) -> Resul
         let collected =
             collected::collect(data, candidates, seed).with_context(|| format!("`{}`", data.name));
         let done = 1 + done.fetch_add(1, Ordering::Relaxed);
-        if done % 20 == 0 {
+        if done.is_multiple_of(20) {
             progress::say(&format!("driven in {done} of {}", count(total, "scene")));
         }
         collected

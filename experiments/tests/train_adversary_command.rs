@@ -86,7 +86,9 @@ fn trained_parts_are_found_beside_the_prior_and_attack_the_same_way_twice() {
     fs::write(&objective, term).unwrap();
     let learned = attack("learned", &["--method", "cat", "--selection", text(&objective)]);
     assert!(
-        learned["scores"]["learned-criticality"].as_f64().is_some_and(|x| (0.0..=1.0).contains(&x)),
+        learned["scores"]["rewards"]["learned-criticality"]
+            .as_f64()
+            .is_some_and(|x| (0.0..=1.0).contains(&x)),
         "{learned}"
     );
 }

@@ -26,7 +26,7 @@ pub(crate) enum TrainAdversaryCommand {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  sage train-adversary seal scenes/ --weights waymo --dev dev-scenes/ --out seal/
+  sage train-adversary seal scenes/ --weights waymo --dev dev/ --out seal/
   sage train-adversary seal scenes/ --splits docs/results/splits.json \\
       --split train --weights waymo --out seal/
   sage train-adversary seal --procedural 200 --out procedural-seal/")]

@@ -85,18 +85,25 @@ impl<'a> RunGenerator<'a> {
     pub(crate) fn identity(&self) -> Result<Value> {
         let (mut weights, mut dials) = (Map::new(), Map::new());
         if let Some(NamedExperts { name, experts, .. }) = &self.weights {
-            weights.insert(name.clone(), weight_hashes(experts)?.into());
+            let mut hashes = weight_hashes(experts)?;
+            hashes.extend(self.built.files.clone());
+            weights.insert(name.clone(), hashes.into());
             if self.args.points.aggression.is_some() && self.built.facts.uses_operating_point() {
                 let dial = find_dial(name, experts, &self.selection).ok();
                 dials.insert(name.clone(), json!(dial.map(|dial| dial.mu)));
             }
         }
-        Ok(json!({
+        let contents = self.selection.objective.contents();
+        let mut identity = json!({
             "command": output::command(), "method": self.method.to_string(), "weights": weights,
             "dials": dials, "selection": self.selection.objective.spec(), "variants": self.variants, "seed": self.args.seed,
             "merger": self.args.points.merging.merger.to_string(),
             "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-        }))
+        });
+        if !contents.is_empty() {
+            identity["contents"] = json!(contents);
+        }
+        Ok(identity)
     }
 
     /// Description of how a variant was generated, for its row and for the metadata of its scene files.

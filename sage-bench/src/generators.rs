@@ -27,9 +27,6 @@ use crate::{
     selection::Selection,
 };
 
-/// Prefix of the names of files that hold the parts of `seal`.
-const SEAL_PREFIX: &str = "seal";
-
 /// What the generators of a command are built from: weights, merger, selection and seed. Clones share the data.
 #[derive(Clone)]
 pub struct Generators<'r> {
@@ -102,8 +99,15 @@ impl<'r> Generators<'r> {
             (vec![key(None)], vec![OperatingPoint::at(1.0, 1.0)])
         };
         let generator = ApartNow(kind.build(&self.inputs)?);
+        let source = self.inputs.experts.as_ref().and_then(ExpertSet::source);
+        let mut files = Map::new();
+        for file in kind.files() {
+            if let Some(source) = source {
+                files.insert(file.clone(), source.tensors(&file)?.0.hash()?.into());
+            }
+        }
         let (label, range) = (part.to_string(), self.inputs.merger.range());
-        Ok(BuiltGenerator { facts, keys, points, label, generator, experts, range })
+        Ok(BuiltGenerator { facts, keys, points, files, label, generator, experts, range })
     }
 }
 
@@ -115,6 +119,8 @@ pub struct BuiltGenerator {
     pub keys: Vec<RowKey>,
     /// Operating point of each key.
     pub points: Vec<OperatingPoint>,
+    /// Hashes of the files beside the prior that it was built from.
+    pub files: Map<String, Value>,
     label: String,
     generator: ApartNow,
     experts: Option<ExpertSet>,
@@ -227,22 +233,13 @@ fn against_recording(attacks: Vec<Attack>, ctx: &Context, seed: u64) -> Result<V
     attacks.into_iter().map(driven).collect()
 }
 
-/// Hashes of a prior and its experts, and of the parts of learned adversaries beside them, by name.
+/// Hashes of a prior and its experts, by name.
 ///
-/// *Errors*: a file beside the prior that cannot be read.
+/// *Errors*: none on a CPU.
 pub fn weight_hashes(experts: &ExpertSet) -> Result<Map<String, Value>> {
     let experts_of = experts.experts().iter().map(|(name, weights)| (&**name, weights));
     let all = std::iter::once(("prior", experts.prior().parameters())).chain(experts_of);
-    let mut hashes = all
-        .map(|(name, weights)| Ok((name.to_owned(), weights.hash()?.into())))
-        .collect::<Result<Map<_, _>>>()?;
-    if let Some(source) = experts.source() {
-        for file in source.tensor_files().into_iter().filter(|file| file.starts_with(SEAL_PREFIX)) {
-            let hash = source.tensors(&file)?.0.hash()?;
-            hashes.insert(file, hash.into());
-        }
-    }
-    Ok(hashes)
+    all.map(|(name, weights)| Ok((name.to_owned(), weights.hash()?.into()))).collect()
 }
 
 /// Refuses duplicate rows.

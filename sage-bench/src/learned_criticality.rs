@@ -15,7 +15,10 @@ use crate::weights;
 /// How critical a trajectory is for the ego by SEAL's network, in [0, 1]: the mean of its two outputs, the predicted collision
 /// score and the predicted change of the ego's path.
 #[derive(Clone)]
-pub struct LearnedCriticality(Arc<CriticalityNetwork>);
+pub struct LearnedCriticality {
+    network: Arc<CriticalityNetwork>,
+    content: String,
+}
 
 /// Options of [`LearnedCriticality`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,7 +46,9 @@ impl Entry<dyn Reward> for LearnedCriticality {
         let found = weights::find(name).map_err(|error| format!("`weights`: {error:#}"))?;
         let loaded = SealWeights::load_file(&found, SEAL_FILE);
         let loaded = loaded.map_err(|error| format!("`weights`: {:#}", anyhow::Error::from(error)))?;
-        Ok(Box::new(Self(Arc::new(loaded.criticality))))
+        let hash = found.tensors(SEAL_FILE).and_then(|(parameters, _)| parameters.hash());
+        let content = hash.map_err(|error| format!("`weights`: {error}"))?;
+        Ok(Box::new(Self { network: Arc::new(loaded.criticality), content }))
     }
 }
 
@@ -51,8 +56,13 @@ impl Reward for LearnedCriticality {
     /// `None` if the network's output is not finite.
     fn score(&self, situation: &Situation) -> Option<f64> {
         let Situation { candidate, ego, ctx, .. } = situation;
-        let scores = learned_scores(&self.0, &[candidate.trajectory()], ctx, std::slice::from_ref(*ego));
+        let scores =
+            learned_scores(&self.network, &[candidate.trajectory()], ctx, std::slice::from_ref(*ego));
         scores.ok()?.first().copied()
+    }
+
+    fn content(&self) -> Option<String> {
+        Some(self.content.clone())
     }
 
     fn slow_range(&self) -> Option<[f64; 2]> {

@@ -129,6 +129,12 @@ impl Plan {
             "study": study, "selection": selection.objective.spec(), "experts": hashes,
             "points": groups.iter().map(|group| &group.points).collect::<Vec<_>>(),
         });
+        let built = groups.iter().flat_map(|group| &group.built);
+        let files: Vec<_> = built.map(|built| &built.files).filter(|files| !files.is_empty()).collect();
+        let contents = selection.objective.contents();
+        if !files.is_empty() || !contents.is_empty() {
+            identity["contents"] = json!([files, contents]);
+        }
         identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
         let mut measurements: Vec<Box<dyn Measurement>> = Vec::new();
         // Without generators that use networks, policies say nothing.

@@ -113,20 +113,29 @@ impl PlanSources {
         self.built.iter().flat_map(|built| &built.keys).nth(number)
     }
 
-    /// The feasible plans against the unattacked drive.
+    /// The feasible plans against the unattacked drive of a test. An adversary that reacts is driven once; its path is a plan.
     ///
-    /// *Errors*: those of the generators.
-    pub fn plans(&self, ctx: &Context, rule: &Objective, seed: u64) -> Result<Pool> {
-        Ok(Pool::new(ctx, rule.rule(), self.proposals(ctx, seed)?, self.most))
+    /// *Errors*: those of the generators and of the driver.
+    fn plans(&self, test: &AttackTest, ctx: &Context, rule: &Objective, seed: u64) -> Result<Pool> {
+        let attacks = |built: &BuiltGenerator| built.attacks_in_test(ctx, test, seed);
+        Ok(Pool::new(ctx, rule.rule(), self.sources(ctx, attacks)?, self.most))
     }
 
     /// All plans of each source, whether feasible or not.
     ///
     /// *Errors*: those of the generators.
     pub fn proposals(&self, ctx: &Context, seed: u64) -> Result<Vec<Vec<Proposal>>> {
+        self.sources(ctx, |built| Ok(built.attacks(ctx, seed)?))
+    }
+
+    fn sources(
+        &self,
+        ctx: &Context,
+        attacks: impl Fn(&BuiltGenerator) -> Result<Vec<Attack>>,
+    ) -> Result<Vec<Vec<Proposal>>> {
         let mut sources = Vec::new();
         for built in &self.built {
-            for attack in built.attacks(ctx, seed)? {
+            for attack in attacks(built)? {
                 attack.check(ctx.scene())?;
                 sources.push(self.candidates(built, attack));
             }
@@ -155,7 +164,7 @@ impl PlanSources {
         options: &SearchOptions,
         seed: u64,
     ) -> Result<(Pool, SearchResult)> {
-        let mut pool = self.plans(ctx, rule, seed)?;
+        let mut pool = self.plans(test, ctx, rule, seed)?;
         let anew = self.built.iter().find(|built| built.facts.plans_against_ego);
         let mut replan = |against: &Context| -> Result<Vec<(usize, Proposal)>, sage_core::Error> {
             let Some(built) = anew else { return Ok(Vec::new()) };

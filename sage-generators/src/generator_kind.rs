@@ -63,6 +63,11 @@ pub trait GeneratorKind: Send + Sync {
     /// Properties of the generator.
     fn facts(&self) -> Facts;
 
+    /// Names of the files beside the prior that it reads: they identify its attacks as weights do.
+    fn files(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Builds the generator.
     ///
     /// *Errors*: a missing input.

@@ -14,7 +14,7 @@ use sage_backbones::seal::{SEAL_FILE, SealWeights};
 use sage_core::{
     Error,
     generator::{Attack, Generator, Knowledge, OperatingPoint, Reaction},
-    motion::Trajectory,
+    motion::{NOW, Trajectory},
     objective::Context,
     registry::Entry,
 };
@@ -93,6 +93,10 @@ impl GeneratorKind for SealScore {
         FACTS
     }
 
+    fn files(&self) -> Vec<String> {
+        vec![self.file.clone()]
+    }
+
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let weights = self.weights(Self::NAME, inputs)?;
         Ok(Box::new(self.selected(Self::NAME, inputs, weights)?))
@@ -107,7 +111,7 @@ pub struct Seal {
     pub candidates: usize,
     /// File of the learned parts, beside the prior.
     pub file: String,
-    /// Steps before the planned hit at which the driver takes over, 0 to 80; `null` for *now*.
+    /// The driver's first action comes this many steps and one before the planned hit, 0 to 80; `null` for *now*.
     pub before_hit: Option<usize>,
 }
 
@@ -121,7 +125,7 @@ impl Default for Seal {
 impl Entry<dyn GeneratorKind> for Seal {
     const NAME: &'static str = "seal";
     const SUMMARY: &'static str =
-        "the same, with a learned driver at the wheel from 1 s before the planned hit";
+        "`seal-score` with a learned driver at the wheel from 1.1 s before the planned hit";
     const SOURCE: &'static str = "Stoler et al. 2025 (SEAL)";
     type Options = Self;
 
@@ -145,22 +149,26 @@ impl GeneratorKind for Seal {
         FACTS
     }
 
+    fn files(&self) -> Vec<String> {
+        vec![self.file.clone()]
+    }
+
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let score = self.score();
         let weights = score.weights(Self::NAME, inputs)?;
         let selected = score.selected(Self::NAME, inputs, weights.clone())?;
-        Ok(Box::new(Reacting { selected, skills: Arc::new(Skills(weights)), before_hit: self.before_hit }))
+        Ok(Box::new(HandOver { selected, skills: Arc::new(Skills(weights)), before_hit: self.before_hit }))
     }
 }
 
 /// Plans of a selection, from which a learned driver takes over.
-struct Reacting {
+struct HandOver {
     selected: ProposeAndSelect,
     skills: Arc<Skills>,
     before_hit: Option<usize>,
 }
 
-impl Generator for Reacting {
+impl Generator for HandOver {
     fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error> {
         let mut attacks = self.selected.attacks(ctx, at, seed)?;
         for attack in &mut attacks {
@@ -179,7 +187,9 @@ fn reaction(
     before_hit: Option<usize>,
     seed: u64,
 ) -> Reaction {
-    let from = hand_over::frame(planned_hit(plan.points(), ctx), before_hit);
+    // A car that is not there now begins with the first point of its plan.
+    let first = if ctx.adversary().is_valid(NOW) { NOW } else { NOW + 1 };
+    let from = hand_over::frame(planned_hit(plan.points(), ctx), before_hit).max(first);
     Reaction { from, policy: skills, seed }
 }
 

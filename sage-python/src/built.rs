@@ -48,23 +48,33 @@ impl Built {
     ) -> Result<(Arc<SceneData>, Attack)> {
         let (index, mut seen) = (scene.index.clone(), scene.scene.clone());
         seen.check_apart_now()?;
+        let mut test = None;
         if !driver.policy.is_recording() {
             let simulated = SimScene::new(seen, index.clone())?;
-            seen = AttackTest::new(&*driver.policy, &simulated, seed)?.recorded();
+            seen = test.insert(AttackTest::new(&*driver.policy, &simulated, seed)?).recorded();
         }
         index.build_all();
         let ctx = Context::new(&seen, &index, &ContextOptions::default())?;
-        let attack = self.attack_in(&ctx, seed)?;
+        let attack = match &test {
+            Some(test) => first(self.named.built.attacks_in_test(&ctx, test, seed)?)?,
+            None => first(self.named.built.attacks(&ctx, seed)?)?,
+        };
+        attack.check(ctx.scene())?;
         Ok((Arc::new(SceneData { name: scene.name.clone(), scene: seen, index }), attack))
     }
 
-    /// Attacks in a context.
+    /// An attack on a driver; an adversary that reacts does so when it is driven.
     ///
     /// *Errors*: those of the generator.
-    pub(crate) fn attack_in(&self, ctx: &Context, seed: u64) -> Result<Attack> {
-        let attack = self.named.built.attack(ctx, 0, seed)?;
-        let attack = attack.ok_or_else(|| Error::Value("the generator gave no attack".to_owned()))?;
+    pub(crate) fn attack_on_driver(&self, ctx: &Context, seed: u64) -> Result<Attack> {
+        let attack = first(self.named.built.attacks_on_driver(ctx, seed)?)?;
         attack.check(ctx.scene())?;
         Ok(attack)
     }
+}
+
+/// The attack at the only operating point.
+fn first(attacks: Vec<Attack>) -> Result<Attack> {
+    let attack = attacks.into_iter().next();
+    Ok(attack.ok_or_else(|| Error::Value("the generator gave no attack".to_owned()))?)
 }

@@ -11,7 +11,7 @@ use sage_core::{
 };
 use sage_sim::{
     SimScene,
-    attack_test::AttackTest,
+    attack_test::{AttackPath, AttackTest},
     drive::Drive,
     episode::{Episode, Verdict},
 };
@@ -90,16 +90,17 @@ impl Driven {
         let test = AttackTest::new(&*driver.policy, &simulated, seed)?;
         let ctx = test.context()?;
         ctx.check_apart_now()?;
-        let plan = match attacker {
-            Attacker::Generator(built) => built.attack_in(&ctx, seed)?.trajectory().clone(),
+        let path = match attacker {
+            Attacker::Generator(built) => test.path_of(&built.attack_on_driver(&ctx, seed)?)?,
             Attacker::Plan(plan, made_for) => {
                 check_plan(&ctx, plan, made_for.as_deref())?;
-                plan.clone()
+                AttackPath::of(plan.clone())
             }
             Attacker::Nobody => return Err(sage_bench::Error::Value("there is no attack".to_owned()).into()),
         };
+        let plan = path.trajectory.clone();
         let is_feasible = Scorer::new(&ctx).scores(&ctx.candidate(plan.clone())).feasible;
-        let outcome = test.attack(&plan, is_feasible)?;
+        let outcome = test.attack_along(path, is_feasible)?;
         let (episode, verdict) = (outcome.episode, outcome.verdict);
         let attacked = Some(Attacked { ctx, before: test.unattacked().clone(), plan, verdict });
         Ok(Self { episode, attacked })

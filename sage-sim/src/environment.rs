@@ -112,7 +112,11 @@ impl Environment {
             Some(reacting) => reacting.control(&mut self.world)?,
             None => None,
         };
-        self.world.step(control, theirs)
+        self.world.step(control, theirs)?;
+        if let Some(reacting) = self.reacting.as_mut().filter(|_| !self.world.facts().contacts.is_empty()) {
+            reacting.brake();
+        }
+        Ok(())
     }
 
     fn check_running(&self) -> Result<(), Error> {

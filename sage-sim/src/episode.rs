@@ -154,12 +154,13 @@ impl Progress {
     /// *Errors*: as [`Progress::drive_to`].
     fn finish_on(self, adversary: usize) -> Result<(Episode, Trajectory), Error> {
         let mut path: Vec<Point> = Vec::with_capacity(HORIZON);
+        let now = self.scene.scene().tracks[adversary].point(NOW);
         let episode = self.finish_with(true, &mut |world| {
             let body = world.bodies().iter().find(|body| body.track == adversary);
-            let place = body.map(|body| body.area.center).or(path.last().copied());
-            path.extend(place.filter(|_| world.step_count() > NOW));
+            let place = body.map_or_else(|| path.last().copied().unwrap_or(now), |body| body.area.center);
+            path.extend((world.step_count() > NOW).then_some(place));
         })?;
-        let end = path.last().copied().unwrap_or_default();
+        let end = path.last().copied().unwrap_or(now);
         path.resize(HORIZON, end);
         Ok((episode, Trajectory::new("path of the reacting adversary", path)?))
     }

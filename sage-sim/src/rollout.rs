@@ -179,10 +179,11 @@ pub fn seats(scene: &Scene, index: &Arc<SceneIndex>, most: usize) -> Vec<Arc<Sim
             && (0..=last).all(|frame| log.is_valid(frame))
             && sage_core::geometry::distance(log.point(0), log.point(last)) >= LEAST_WAY
     };
-    let driven = (0..scene.tracks.len()).filter(is_driven).take(most);
+    let driven = (0..scene.tracks.len()).filter(is_driven);
+    // A car that cannot be the ego, such as one that begins within another, leaves its place to the next.
     let seat = |track: usize| {
         let seen = scene.clone().with_roles(Some(&scene.tracks[track].id), None).ok()?;
         SimScene::new(Arc::new(seen), index.clone()).ok()
     };
-    driven.filter_map(seat).collect()
+    driven.filter_map(seat).take(most).collect()
 }

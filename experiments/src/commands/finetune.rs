@@ -86,10 +86,14 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         .iter()
         .map(|expert| Ok((expert.name.clone(), serde_json::to_value(&expert.options)?)))
         .collect::<Result<_>>()?;
-    let identity = json!({
+    let mut identity = json!({
         "data": &data, "prior": prior.parameters().hash()?, "network": prior.options(), "seed": args.seed, "roles": roles,
         "options": options, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
+    let contents: Vec<String> = objectives.iter().flat_map(|objective| objective.contents()).collect();
+    if !contents.is_empty() {
+        identity["contents"] = json!(contents);
+    }
     // A dial of other experts must not be used for these.
     let outdated = [DIAL_FILE];
     let (run, state) = Run::start(

@@ -125,7 +125,7 @@ impl SealWeights {
     pub fn load_file(weights: &Weights, file: &str) -> Result<Self, Error> {
         let path = weights.path(file);
         if !weights.has(file) {
-            let problem = "the file is missing; `sage train-adversary seal` makes it";
+            let problem = "the file is missing; copy that of `sage train-adversary seal` beside the prior, or name weights that hold it";
             let source = std::io::Error::new(std::io::ErrorKind::NotFound, problem);
             return Err(Error::Io { verb: "read", path, source });
         }

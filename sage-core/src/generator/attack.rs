@@ -83,18 +83,18 @@ impl Attack {
         Self { candidates, chosen, note, reaction: None }
     }
 
-    /// The attack of an adversary that reacted, as it was driven against somebody: the selected trajectory is the path that
-    /// it drove. An attack that does not react stays as it is.
+    /// The attack of an adversary that reacted, as it was driven against somebody: the path that it drove is a further
+    /// candidate, and selected. An attack that does not react stays as it is.
     pub fn driven(mut self, path: Trajectory, against: &str) -> Self {
         let Some(reaction) = self.reaction.take() else { return self };
         let text = format!(
             "the adversary reacts from {:.1} s on; this is the path that it drove against {against}",
             reaction.from.saturating_sub(NOW) as f64 * DT
         );
-        if let Some(candidate) = self.candidates.get_mut(self.chosen) {
-            *candidate = Proposal::of(path);
-        }
-        self.note = Some(Note::Other(text));
+        self.chosen = self.candidates.len();
+        self.candidates.push(Proposal::of(path));
+        let before = self.note.take().map_or(String::new(), |note| format!("{note}; "));
+        self.note = Some(Note::Other(before + &text));
         self
     }
 

@@ -69,6 +69,11 @@ impl Objective {
         Ok(Self { spec: spec.clone(), terms, rule })
     }
 
+    /// Hashes of the files that its rewards were built from.
+    pub fn contents(&self) -> Vec<String> {
+        self.terms.iter().filter_map(|term| term.reward.content()).collect()
+    }
+
     /// One objective that measures every term of several objectives once. Its weights are meaningless.
     ///
     /// *Errors*: [`Error::Options`] if they differ in their feasibility rule.

@@ -52,6 +52,11 @@ pub trait Reward: Send + Sync {
         None
     }
 
+    /// Hash of the file that it was built from, if there is one: it identifies results as options do.
+    fn content(&self) -> Option<String> {
+        None
+    }
+
     /// Whether it takes milliseconds. Tables show such a reward only if the selection names it.
     fn is_costly(&self) -> bool {
         false

@@ -81,11 +81,10 @@ pub struct FurtherMeasures {
 
 impl FurtherMeasures {
     /// All registered parts except those with a field in [`Scores`], and costly rewards that the selection does not
-    /// name. A part that the selection names
-    /// once has the selection's options, any other part its defaults; a part that the selection does not name and that
-    /// cannot be built, because it needs a file that is not there, is left out.
+    /// name. A part that the selection names once has the selection's options, any other part its defaults. A part that
+    /// the selection does not name and that cannot be built is left out: it may need a file that is not there.
     ///
-    /// *Errors*: [`Error::Options`] for an entry that refuses its options.
+    /// *Errors*: [`Error::Options`] for an entry that the selection names and that refuses its options.
     pub fn of(
         rewards: &Registry<dyn Reward>,
         rules: &Registry<dyn Feasibility>,

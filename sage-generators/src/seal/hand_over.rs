@@ -6,10 +6,7 @@ use sage_core::{
     objective::Context,
 };
 
-use crate::selector::{boxes, edges_cross};
-
-/// Steps between two compared frames.
-const STRIDE: usize = 5;
+use crate::selector::{STRIDE, boxes, edges_cross};
 
 /// Step, from 0, at which a plan hits the ego's path among every fifth one: the first at which edges of the boxes cross, else
 /// that of the least distance of the centres. The first path of the ego counts.

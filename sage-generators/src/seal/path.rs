@@ -16,7 +16,8 @@ pub fn relative_paths(
     plan: &[Point],
     egos: &[EgoPath],
 ) -> Vec<Vec<[f32; 3]>> {
-    let first = (0..=NOW).find(|&frame| (frame..=NOW).all(|frame| adversary.is_valid(frame))).unwrap_or(NOW);
+    let first =
+        (0..=NOW).find(|&frame| (frame..=NOW).all(|frame| adversary.is_valid(frame))).unwrap_or(NOW + 1);
     let history = (first..=NOW).map(|frame| adversary.point(frame));
     let points: Vec<Point> = history.chain(plan.iter().copied()).collect();
     let poses = points.iter().zip(release::headings(&points));

@@ -20,7 +20,7 @@ use crate::Facts;
 /// First rank, from 0, of those that count as equally likely.
 const FLATTENED: usize = 6;
 /// Frames between two comparisons.
-const STRIDE: usize = 5;
+pub(crate) const STRIDE: usize = 5;
 /// Largest number of compared frames.
 const COMPARED: usize = 16;
 /// Discount per compared frame of delay.

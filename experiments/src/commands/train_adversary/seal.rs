@@ -117,11 +117,10 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     let known: HashSet<[u8; 16]> = train.iter().map(|data| data.scene.content_hash()).collect();
     let mut dev = if args.dev.is_empty() { Vec::new() } else { validation.read_all()? };
     dev.retain(|data| !known.contains(&data.scene.content_hash()));
-    let failed = training.failed() + validation.failed();
     let data = scenes::describe(&train);
     let identity = json!({
         "command": "train-adversary seal", "options": options, "data": &data, "dev": scenes::describe(&dev),
-        "prior": weight_hashes(&experts)?, "seed": args.seed, "version": env!("CARGO_PKG_VERSION"),
+        "prior": weight_hashes(&experts)?, "seed": args.seed, "license": &license, "version": env!("CARGO_PKG_VERSION"),
         "program": output::program(),
     });
     let state_files = ["criticality", "skills", "adversarial", "benign"].map(|part| format!("{part}.state"));
@@ -132,7 +131,7 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     if state == RunState::Done {
         return Ok(Outcome::Done);
     }
-    let collected = collect(&train, &candidates, args.seed)?;
+    let collected = collect(&training, &train, &candidates, args.seed);
     let counts = collected.counts;
     progress::say(&format!(
         "{} without and {} against candidates ({} and {} ended in a contact): {}, {} before contacts ({:.0} s)",
@@ -166,18 +165,24 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     let networks = SealOptions { hidden: options.hidden };
     let [adversarial, benign] = [(SEAL_FILE, adversarial), (BENIGN_FILE, benign)]
         .map(|(name, parameters)| SealWeights::new(&parameters, &networks, name));
-    let measured =
-        measured::measure(&dev, &candidates, [adversarial?, benign?], &trained.encoder()?, args.seed)?;
+    let measured = measured::measure(
+        &validation,
+        &dev,
+        &candidates,
+        [adversarial?, benign?],
+        &trained.encoder()?,
+        args.seed,
+    )?;
     let summary = json!({"counts": counts, "trained": trained.summary, "measured": measured});
     run.folder().write(card::FILE, card::page(&header, &summary).as_bytes())?;
     let seconds = clock.elapsed().as_secs_f64();
     run.finish(&summary, seconds)?;
     progress::say(&format!("`{SEAL_FILE}` is in `{}` ({seconds:.0} s)", args.folder.out.display()));
-    Ok(scenes::outcome_without(failed))
+    Ok(scenes::outcome_without(training.failed() + validation.failed()))
 }
 
 /// Collects in all scenes, in parallel. The order of the scenes, and so the result, does not depend on threads.
-fn collect(train: &[SceneData], candidates: &BuiltGenerator, seed: u64) -> Result<Collected> {
+fn collect(scenes: &Scenes, train: &[SceneData], candidates: &BuiltGenerator, seed: u64) -> Collected {
     let total = train.len();
     let done = AtomicUsize::new(0);
     let one = |data: &SceneData| {
@@ -191,13 +196,13 @@ fn collect(train: &[SceneData], candidates: &BuiltGenerator, seed: u64) -> Resul
     };
     let all: Vec<Result<Collected>> = train.par_iter().with_max_len(1).map(one).collect();
     let mut sum = Collected::default();
-    for collected in all {
+    for (collected, data) in all.into_iter().zip(train) {
         match collected {
             Ok(collected) => sum.add(collected),
-            Err(error) => progress::say(&format!("left out: {error:#}")),
+            Err(error) => scenes.fail(&data.name, &error),
         }
     }
-    Ok(sum)
+    sum
 }
 
 /// Where the states of the trainings are kept.

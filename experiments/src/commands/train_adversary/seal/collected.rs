@@ -25,6 +25,8 @@ use serde::Serialize;
 
 use crate::generators::BuiltGenerator;
 
+const _: () = assert!(WINDOW == sage_backbones::seal::WINDOW, "drives are cut as networks read them");
+
 /// Other vehicles of an attacked roll-out from which the score learns too: those that come nearest to the ego.
 const OTHERS: usize = 4;
 /// Other cars that drive a scene in the ego's place, for more windows.

@@ -25,7 +25,7 @@ use sage_sim::{
 use serde::Serialize;
 
 use super::collected::RolloutScene;
-use crate::{generators::BuiltGenerator, progress};
+use crate::{generators::BuiltGenerator, scenes::Scenes};
 
 /// What was measured; every estimate is a mean over scenes with its 95 % interval.
 #[derive(Default, Serialize)]
@@ -73,6 +73,7 @@ struct InScene {
 ///
 /// *Errors*: a network's output is not finite.
 pub(super) fn measure(
+    list: &Scenes,
     dev: &[SceneData],
     candidates: &BuiltGenerator,
     weights: [SealWeights; 2],
@@ -85,10 +86,10 @@ pub(super) fn measure(
     };
     let all: Vec<Result<InScene>> = dev.par_iter().with_max_len(1).map(one).collect();
     let mut scenes = Vec::new();
-    for measured in all {
+    for (measured, data) in all.into_iter().zip(dev) {
         match measured {
             Ok(measured) => scenes.push(measured),
-            Err(error) => progress::say(&format!("not measured: {error:#}")),
+            Err(error) => list.fail(&data.name, &error),
         }
     }
     let mean_of = |name: &str, values: Vec<f64>| {

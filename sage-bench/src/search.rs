@@ -108,6 +108,11 @@ impl PlanSources {
         Ok(Self { built, most: points.len(), only_selected: true })
     }
 
+    /// Hashes of the files beside the prior that the generators were built from.
+    pub fn files(&self) -> Vec<&Map<String, Value>> {
+        self.built.iter().map(|built| &built.files).filter(|files| !files.is_empty()).collect()
+    }
+
     /// Generator and operating point of a source, by its number.
     pub fn source(&self, number: usize) -> Option<&RowKey> {
         self.built.iter().flat_map(|built| &built.keys).nth(number)

@@ -91,6 +91,9 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         Ok(built)
     };
     let (attacker, examiner) = (build(parts[0])?, build(parts[1])?);
+    for (file, hash) in [&attacker, &examiner].into_iter().flatten().flat_map(|built| &built.files) {
+        used["files"][file] = hash.clone();
+    }
     let needs_adversary = attacker.is_some() || examiner.is_some();
     let (training, failed) = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
     let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };

@@ -64,6 +64,9 @@ pub(super) struct Explanation {
     /// Generator and operating point.
     pub(super) attack: String,
     pub(super) outcome: SelectionOutcome,
+    /// What the generator says of the attack.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) note: Option<String>,
     #[serde(flatten)]
     pub(super) counts: CandidateCounts,
     /// Why the selected candidate is not believable, in words.
@@ -103,6 +106,7 @@ impl Explanation {
             scene: ctx.scene().id.clone(),
             adversary: ctx.adversary().id.clone(),
             attack: label,
+            note: attack.note.as_ref().map(ToString::to_string),
             outcome: counts.outcome(&all[attack.chosen].measured()),
             counts,
             selected_unbelievable: all[attack.chosen].unbelievable.iter().map(Reason::words).collect(),

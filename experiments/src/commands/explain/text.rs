@@ -9,6 +9,9 @@ use crate::{selection_outcome::SelectionOutcome, terminal};
 pub(super) fn text(one: &Explanation) -> String {
     let mut out =
         format!("{}\n  {}\n", wrapped(&format!("{}: {}", one.attack, words(one)), 2), one.counts.words());
+    if let Some(note) = &one.note {
+        out += &format!("{}\n", wrapped(&format!("  note: {}", terminal::escaped_name(note)), 4));
+    }
     for (head, causes) in [
         ("hits infeasible, over all 8 s", one.counts.violated()),
         ("hits not believable", one.counts.doubted()),

@@ -124,6 +124,10 @@ impl<'a> Searcher<'a> {
             "format": format!("{:?}", self.args.format), "ego": ego::identity(&self.args.ego)?,
             "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
         });
+        let files = self.plans().files();
+        if !files.is_empty() {
+            identity["files"] = json!(files);
+        }
         let reading = self.args.reading.identity();
         if !reading.is_null() {
             identity["reading"] = reading;

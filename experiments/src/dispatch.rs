@@ -44,6 +44,9 @@ impl Cli {
             Command::TrainAdversary(TrainAdversaryCommand::Seal(args)) => {
                 commands::train_adversary::seal::run(&args, registries)
             }
+            Command::TrainAdversary(TrainAdversaryCommand::Goose(args)) => {
+                commands::train_adversary::goose::run(&args, registries)
+            }
             Command::Analyse(AnalyseCommand::Connectivity(args)) => {
                 commands::analyse_connectivity::run(&args, registries)
             }

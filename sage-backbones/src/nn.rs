@@ -19,5 +19,5 @@ pub use groups::{Group, Groups, max_of_others, max_of_rows};
 pub use layers::{Attention, Linear, Mlp, ResCat};
 pub use norm_relu::norm_relu;
 pub use real::Real;
-pub(crate) use real::{BlockSums, by_dtype, slice, slice_mut, wide, with_slice};
+pub(crate) use real::{BlockSums, by_dtype, sigmoid, slice, slice_mut, tanh, wide, with_slice};
 pub use softmax::{log_softmax, softmax};

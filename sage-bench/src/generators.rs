@@ -15,6 +15,7 @@ use sage_sim::{
     attack_test::{AttackPath, AttackTest},
     drive::Drive,
     policy::Replay,
+    queried::QueriedDriver,
     rl::{Attacker, plan_of_generator},
     traffic::Plan,
 };
@@ -135,11 +136,21 @@ impl BuiltGenerator {
         against_recording(self.generator.attacks(ctx, &self.points, seed)?, ctx, seed)
     }
 
-    /// Attacks at all operating points on a driver. An adversary that reacts does so when it is driven.
+    /// Attacks at all operating points on a driver, which a generator may query. An adversary that reacts does so when it is
+    /// driven.
     ///
-    /// *Errors*: as [`BuiltGenerator::attacks`].
-    pub fn attacks_on_driver(&self, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
-        self.generator.attacks(ctx, &self.points, seed)
+    /// *Errors*: as [`BuiltGenerator::attacks`], and those of the driver.
+    pub fn attacks_on_driver(
+        &self,
+        ctx: &Context,
+        test: &AttackTest,
+        seed: u64,
+    ) -> Result<Vec<Attack>, Error> {
+        // A recording does the same against every plan.
+        if !self.facts.knows.driver || test.is_recording() {
+            return self.generator.attacks(ctx, &self.points, seed);
+        }
+        self.generator.attacks_on(ctx, &QueriedDriver::new(test), &self.points, seed)
     }
 
     /// The same; an adversary that reacts has the path that it drives against the driver of a test.
@@ -151,7 +162,7 @@ impl BuiltGenerator {
             let path = test.path_of(&attack)?.trajectory;
             Ok(attack.driven(path, "the driver under test"))
         };
-        self.attacks_on_driver(ctx, seed)?.into_iter().map(driven).collect()
+        self.attacks_on_driver(ctx, test, seed)?.into_iter().map(driven).collect()
     }
 
     /// The attack at one of the operating points, by its number.

@@ -5,6 +5,7 @@
 
 mod apart_now;
 mod attack;
+mod driver_under_test;
 mod observation;
 mod operating_point;
 mod reaction;
@@ -15,6 +16,7 @@ use crate::{Error, objective::Context};
 
 pub use apart_now::ApartNow;
 pub use attack::{Attack, Note, Proposal};
+pub use driver_under_test::{DrivenEgo, DriverUnderTest};
 pub use observation::Observation;
 pub use operating_point::{Mixture, OperatingPoint, corner};
 pub use reaction::{Reaction, ReactiveDriver, ReactivePolicy};
@@ -28,11 +30,13 @@ pub struct Knowledge {
     pub others_future: bool,
     /// The logged future of the adversary.
     pub own_future: bool,
+    /// What the driver under test does against its plans: it queries the driver.
+    pub driver: bool,
 }
 
 impl Knowledge {
     /// Only the observation up to *now*.
-    pub const NOW: Self = Self { ego_future: false, others_future: false, own_future: false };
+    pub const NOW: Self = Self { ego_future: false, others_future: false, own_future: false, driver: false };
 
     /// Union of the two.
     pub fn and(self, other: Self) -> Self {
@@ -40,6 +44,7 @@ impl Knowledge {
             ego_future: self.ego_future || other.ego_future,
             others_future: self.others_future || other.others_future,
             own_future: self.own_future || other.own_future,
+            driver: self.driver || other.driver,
         }
     }
 }
@@ -57,6 +62,7 @@ impl fmt::Display for Knowledge {
             (self.ego_future, "ego's path"),
             (self.others_future, "others' log"),
             (self.own_future, "adversary's log"),
+            (self.driver, "queries the driver"),
         ];
         let known: Vec<&str> = known.into_iter().filter(|(known, _)| *known).map(|(_, what)| what).collect();
         f.write_str(if known.is_empty() { "history only" } else { "" })?;
@@ -92,4 +98,21 @@ pub trait Generator: Send + Sync {
     ///
     /// *Errors*: [`Error::Scene`] for a scene that it cannot handle.
     fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error>;
+
+    /// The same against a driver that can be asked what it does. `ctx` holds its drive without an attack as the ego's path.
+    ///
+    /// A generator that queries the driver implements it; [`Generator::attacks`] then takes the ego's path as what the driver
+    /// does against every plan.
+    ///
+    /// *Errors*: as [`Generator::attacks`], and those of the driver.
+    fn attacks_on(
+        &self,
+        ctx: &Context,
+        driver: &dyn DriverUnderTest,
+        at: &[OperatingPoint],
+        seed: u64,
+    ) -> Result<Vec<Attack>, Error> {
+        let _ = driver;
+        self.attacks(ctx, at, seed)
+    }
 }

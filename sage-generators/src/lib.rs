@@ -49,6 +49,7 @@ mod drivable;
 mod error;
 mod generator_inputs;
 mod generator_kind;
+pub mod goose;
 mod king;
 mod log;
 mod mixtures;
@@ -68,6 +69,7 @@ pub use drivable::{drivable, is_drivable};
 pub use error::Error;
 pub use generator_inputs::GeneratorInputs;
 pub use generator_kind::{Facts, GeneratorKind};
+pub use goose::Goose;
 pub use king::King;
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
@@ -98,6 +100,7 @@ pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
         .with::<CatGoals>()?
         .with::<SealScore>()?
         .with::<Seal>()?
+        .with::<Goose>()?
         .with::<King>()?
         .with_preset::<King>(
             "king-published",

@@ -26,11 +26,7 @@ impl Generator for Log {
 
 impl GeneratorKind for Log {
     fn facts(&self) -> Facts {
-        Facts::without_operating_point(Knowledge {
-            ego_future: false,
-            others_future: false,
-            own_future: true,
-        })
+        Facts::without_operating_point(Knowledge { own_future: true, ..Knowledge::NOW })
     }
 
     fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {

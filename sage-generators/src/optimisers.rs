@@ -145,6 +145,7 @@ pub(crate) fn facts(from: StartFrom, others_future: bool) -> Facts {
             ego_future: true,
             others_future: others_future || !from_log,
             own_future: from_log,
+            driver: false,
         },
         depends_on_lambda: from == StartFrom::Sage,
         depends_on_mu: !from_log,

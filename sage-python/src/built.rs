@@ -66,8 +66,8 @@ impl Built {
     /// An attack on a driver; an adversary that reacts does so when it is driven.
     ///
     /// *Errors*: those of the generator.
-    pub(crate) fn attack_on_driver(&self, ctx: &Context, seed: u64) -> Result<Attack> {
-        let attack = first(self.named.built.attacks_on_driver(ctx, seed)?)?;
+    pub(crate) fn attack_on_driver(&self, ctx: &Context, test: &AttackTest, seed: u64) -> Result<Attack> {
+        let attack = first(self.named.built.attacks_on_driver(ctx, test, seed)?)?;
         attack.check(ctx.scene())?;
         Ok(attack)
     }

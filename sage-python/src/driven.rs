@@ -91,7 +91,7 @@ impl Driven {
         let ctx = test.context()?;
         ctx.check_apart_now()?;
         let path = match attacker {
-            Attacker::Generator(built) => test.path_of(&built.attack_on_driver(&ctx, seed)?)?,
+            Attacker::Generator(built) => test.path_of(&built.attack_on_driver(&ctx, &test, seed)?)?,
             Attacker::Plan(plan, made_for) => {
                 check_plan(&ctx, plan, made_for.as_deref())?;
                 AttackPath::of(plan.clone())

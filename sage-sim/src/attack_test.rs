@@ -42,6 +42,11 @@ impl<'p> AttackTest<'p> {
         Ok(Self { policy, scene: scene.clone(), seed, unattacked, car: *simulation.world().car() })
     }
 
+    /// Whether the driver repeats the recording.
+    pub fn is_recording(&self) -> bool {
+        self.policy.is_recording()
+    }
+
     /// The unchanged scene.
     pub fn scene(&self) -> &Arc<Scene> {
         self.scene.scene()
@@ -64,7 +69,7 @@ impl<'p> AttackTest<'p> {
 
     /// The scene as a generator sees it: with the drive before the attack in place of the ego's recording.
     pub fn recorded(&self) -> Arc<Scene> {
-        recorded(&self.scene, Some(&self.unattacked).filter(|_| !self.policy.is_recording()))
+        recorded(&self.scene, Some(&self.unattacked).filter(|_| !self.is_recording()))
     }
 
     /// The context of [`AttackTest::recorded`].

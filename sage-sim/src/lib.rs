@@ -49,6 +49,7 @@ pub mod navigation;
 pub mod observation;
 pub mod physics;
 pub mod policy;
+pub mod queried;
 mod rays;
 mod reacting;
 pub mod red_lights;

@@ -6,13 +6,15 @@ use clap::{Args, Subcommand};
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, SplitArgs,
-    help::{OUTPUT, RUN, SCENE, TRAINING},
+    help::{DRIVER, OUTPUT, RUN, SCENE, TRAINING},
 };
+use crate::part::PolicyPart;
 
 /// Adversaries with learned parts.
 #[derive(Debug, Subcommand)]
 pub(crate) enum TrainAdversaryCommand {
     Seal(TrainSealArgs),
+    Goose(TrainGooseArgs),
 }
 
 /// Train the learned parts of the generators `seal-score` and `seal`.
@@ -49,6 +51,48 @@ pub(crate) struct TrainSealArgs {
     #[arg(long, help_heading = TRAINING, value_name = "JSON", default_value = "{}")]
     pub options: String,
     /// Seed of drives, training order and procedural scenes.
+    #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// Licence text for the header of the weights.
+    #[arg(long, help_heading = OUTPUT, value_name = "TEXT")]
+    pub license: Option<String>,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}
+
+/// Train the policy of the generator `goose` against a driver.
+///
+/// The policy moves the control points of the adversary's path, the driver drives against it, and the policy learns from what
+/// happened (TD3 with goals in hindsight): a drive and an update a decision. The folder gets `goose.safetensors` (copy it beside the
+/// prior, then --weights finds it), curves, `README.md` with what was measured, and `run.json`. The same command resumes an
+/// interrupted run with bit-identical results; it drives its drives again, without learning.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  sage train-adversary goose scenes/ --dev dev/ --out goose/
+  sage train-adversary goose scenes/ --splits docs/results/splits.json \\
+      --split train --out goose/
+  sage train-adversary goose --procedural 200 --ego expert \\
+      --out against-expert/")]
+pub(crate) struct TrainGooseArgs {
+    /// Scene files and folders for training (default: procedural scenes).
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Scene files and folders on which the policy is measured; scenes of the training are left out.
+    #[arg(long, help_heading = SCENE, value_name = "PATH", num_args = 1..)]
+    pub dev: Vec<PathBuf>,
+    /// Number of procedural scenes if no PATH is given.
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    pub procedural: u64,
+    /// Driver that it attacks, by its name in `sage list`.
+    #[arg(long, help_heading = DRIVER, value_name = "POLICY", default_value = "idm-release")]
+    pub ego: PolicyPart,
+    /// Options of training as JSON, such as '{"decisions": 24000, "networks": {"unscaled": true}}'.
+    #[arg(long, help_heading = TRAINING, value_name = "JSON", default_value = "{}")]
+    pub options: String,
+    /// Seed of drives, exploration, training order and procedural scenes.
     #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     /// Licence text for the header of the weights.

@@ -1,3 +1,4 @@
 //! `sage train-adversary`: trains the learned parts of an adversary; one file per adversary.
 
+pub(crate) mod goose;
 pub(crate) mod seal;

@@ -76,6 +76,19 @@ impl Real for f64 {
     }
 }
 
+/// Logistic function `1/(1 + e^−x)`.
+#[inline(always)]
+pub(crate) fn sigmoid<T: Real>(x: T) -> T {
+    T::one() / (T::one() + (T::zero() - x).exponential())
+}
+
+/// Hyperbolic tangent by [`sigmoid`], which the compiler can turn into vector code.
+#[inline(always)]
+pub(crate) fn tanh<T: Real>(x: T) -> T {
+    let two = T::one() + T::one();
+    two * sigmoid(two * x) - T::one()
+}
+
 /// Sum with eight running totals, for vector code and small rounding errors.
 #[inline(always)]
 pub(super) fn sum<T: Real>(items: &[T]) -> T {

@@ -8,7 +8,7 @@ use candle_core::{
 };
 
 use crate::{
-    nn::{Real, add_row, by_dtype, column_sums, wide, with_slice},
+    nn::{Real, add_row, by_dtype, column_sums, sigmoid, tanh, wide, with_slice},
     parameters::{Init, Scope},
 };
 
@@ -142,17 +142,6 @@ impl Trace {
         }
         Tensor::from_vec(gradients, (self.steps * self.n, 4 * width), device)
     }
-}
-
-#[inline(always)]
-fn sigmoid<T: Real>(x: T) -> T {
-    T::one() / (T::one() + (T::zero() - x).exponential())
-}
-
-#[inline(always)]
-fn tanh<T: Real>(x: T) -> T {
-    let two = T::one() + T::one();
-    two * sigmoid(two * x) - T::one()
 }
 
 /// One step: activates the gates, and computes cells and states. `before` holds the recurrent product and the cells of

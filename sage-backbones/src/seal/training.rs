@@ -5,7 +5,6 @@
 
 mod criticality;
 mod epochs;
-mod optimiser;
 mod plateau;
 mod prior;
 mod skills;

@@ -313,7 +313,7 @@ impl Attacks {
         let Prepared { ctx, measured, avoidance, samples } = prepared;
         let clock = Instant::now();
         let attacks = match test {
-            Some(_) => built.attacks_on_driver(ctx, self.seed)?,
+            Some(test) => built.attacks_on_driver(ctx, test, self.seed)?,
             None => built.attacks(ctx, self.seed)?,
         };
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;

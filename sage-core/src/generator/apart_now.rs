@@ -1,6 +1,6 @@
 //! A generator for scenes in which ego and adversary do not overlap *now*.
 
-use super::{Attack, Generator, OperatingPoint};
+use super::{Attack, DriverUnderTest, Generator, OperatingPoint};
 use crate::{Error, objective::Context};
 
 /// A generator that refuses scenes in which ego and adversary overlap *now*: a contact there is not its doing.
@@ -11,5 +11,17 @@ impl Generator for ApartNow {
     fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error> {
         ctx.check_apart_now()?;
         self.0.attacks(ctx, at, seed)
+    }
+
+    /// *Errors*: [`Error::ContactNow`], and those of the generator and the driver.
+    fn attacks_on(
+        &self,
+        ctx: &Context,
+        driver: &dyn DriverUnderTest,
+        at: &[OperatingPoint],
+        seed: u64,
+    ) -> Result<Vec<Attack>, Error> {
+        ctx.check_apart_now()?;
+        self.0.attacks_on(ctx, driver, at, seed)
     }
 }

@@ -70,6 +70,8 @@ pub struct Attack {
     pub note: Option<Note>,
     /// What drives the adversary in place of the selected trajectory from a frame on; `None` if it follows it to the end.
     pub reaction: Option<Reaction>,
+    /// Number of drives of the ego that were asked for to find it: 0 unless the generator queries the driver.
+    pub queries: usize,
 }
 
 impl Attack {
@@ -80,7 +82,7 @@ impl Attack {
 
     /// An attack that follows the selected candidate to the end.
     pub fn of(candidates: Vec<Proposal>, chosen: usize, note: Option<Note>) -> Self {
-        Self { candidates, chosen, note, reaction: None }
+        Self { candidates, chosen, note, reaction: None, queries: 0 }
     }
 
     /// The attack of an adversary that reacted, as it was driven against somebody: the path that it drove is a further

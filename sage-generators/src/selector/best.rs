@@ -23,7 +23,7 @@ pub struct Best(Arc<Objective>);
 impl Best {
     /// Properties of a generator that selects so among the prior's proposals.
     pub const FACTS: Facts =
-        Facts::of_selection(Knowledge { ego_future: true, others_future: true, own_future: false }, true);
+        Facts::of_selection(Knowledge { ego_future: true, others_future: true, own_future: false, ..Knowledge::NOW }, true);
 
     /// A selector by an objective.
     pub fn new(objective: Arc<Objective>) -> Self {

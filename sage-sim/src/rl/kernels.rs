@@ -117,6 +117,12 @@ pub(super) fn times<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
     matmul(out, Accum::Replace, a.view(), b.view(), T::of(1.0), Par::Seq);
 }
 
+/// `out = a b'`, where `b'` has the first `columns` columns of `b`.
+pub(super) fn times_first_columns<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>, columns: usize) {
+    let out = MatMut::from_row_major_slice_mut(out, a.shape[0], columns);
+    matmul(out, Accum::Replace, a.view(), b.view().subcols(0, columns), T::of(1.0), Par::Seq);
+}
+
 /// `out = aᵀ b`.
 pub(super) fn transposed_times<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
     let out = MatMut::from_row_major_slice_mut(out, a.shape[1], b.shape[1]);
@@ -334,6 +340,9 @@ mod tests {
         assert_eq!(out, [7.0, 8.0, 16.0, 17.0]);
         times(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [3, 2]));
         assert_eq!(out, [14.0, 1.0, 32.0, 1.0]);
+        let mut out = [0.0; 2];
+        times_first_columns(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [3, 2]), 1);
+        assert_eq!(out, [14.0, 32.0]);
         let mut out = [0.0; 9];
         transposed_times(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [2, 3]));
         assert_eq!(out, [-3.0, 12.0, 6.0, -3.0, 15.0, 9.0, -3.0, 18.0, 12.0]);

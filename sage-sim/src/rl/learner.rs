@@ -100,6 +100,16 @@ struct Scratch<T> {
     gradient: Vec<T>,
 }
 
+/// Gradient of the actor's loss with respect to the first numbers of each observation.
+#[derive(Clone, Debug)]
+struct InputGradient<T> {
+    columns: usize,
+    /// Rows × columns.
+    numbers: Vec<T>,
+    /// Whether it belongs to the last update.
+    is_current: bool,
+}
+
 /// A TD3 learner.
 #[derive(Clone, Debug)]
 pub struct Learner<T> {
@@ -109,6 +119,7 @@ pub struct Learner<T> {
     pub(super) critics: [Trained<T>; 2],
     updates: u64,
     scratch: Scratch<T>,
+    input_gradient: Option<InputGradient<T>>,
 }
 
 impl<T: Real> Learner<T> {
@@ -141,7 +152,36 @@ impl<T: Real> Learner<T> {
             hidden: HiddenGradients::new(rows, &q),
             gradient: vec![T::default(); q.count().max(actor.online.shape().count())],
         };
-        Ok(Self { options, sizes: [observation, action], actor, critics, updates: 0, scratch })
+        let sizes = [observation, action];
+        Ok(Self { options, sizes, actor, critics, updates: 0, scratch, input_gradient: None })
+    }
+
+    /// Computes, in the updates with a step of the actor, also the gradient of the actor's loss with respect to the
+    /// first `columns` numbers of each observation. It is the gradient through the actor alone: the observation that the
+    /// critic reads is taken as fixed. It trains an encoder before the actor, and changes no bit of the learner's own
+    /// training.
+    ///
+    /// *Errors*: no column, or more than the observation has.
+    pub fn with_input_gradient(mut self, columns: usize) -> Result<Self, String> {
+        let [observation, _] = self.sizes;
+        if !(1..=observation).contains(&columns) {
+            return Err(format!(
+                "a gradient of {columns} numbers of an observation; expected 1 to {observation}"
+            ));
+        }
+        let numbers = vec![T::default(); self.options.batch * columns];
+        self.input_gradient = Some(InputGradient { columns, numbers, is_current: false });
+        Ok(self)
+    }
+
+    /// The gradient of [`Learner::with_input_gradient`] for the batch of the last update, rows × columns, with the actor
+    /// before its step and the critic after its own. `None` if that update had no step of the actor, or if it is not
+    /// asked for.
+    pub fn input_gradient(&self) -> Option<&[T]> {
+        self.input_gradient
+            .as_ref()
+            .filter(|gradient| gradient.is_current)
+            .map(|gradient| &gradient.numbers[..])
     }
 
     /// Options.
@@ -219,6 +259,7 @@ impl<T: Real> Learner<T> {
             }
         }
         self.updates = updates;
+        self.forget_input_gradient();
         Ok(())
     }
 
@@ -254,11 +295,18 @@ impl<T: Real> Learner<T> {
     pub fn update(&mut self, batch: &TransitionBatch<T>) -> UpdateReport {
         debug_assert_eq!(batch.rewards.len(), self.options.batch);
         self.updates += 1;
+        self.forget_input_gradient();
         let acts = self.updates.is_multiple_of(self.options.policy_delay);
         self.compute_targets(batch);
         let (critic_loss, mean_abs_q) = self.update_critics(batch, acts);
         let actor_loss = acts.then(|| self.update_actor(batch));
         UpdateReport { critic_loss, actor_loss, mean_abs_q }
+    }
+
+    fn forget_input_gradient(&mut self) {
+        if let Some(gradient) = &mut self.input_gradient {
+            gradient.is_current = false;
+        }
     }
 
     /// Step 1: the targets of the critics.
@@ -338,6 +386,10 @@ impl<T: Real> Learner<T> {
         let gradient = &mut s.gradient[..self.actor.online.shape().count()];
         let actor = &mut self.actor;
         actor.online.backward(&batch.observations, &s.actor, &s.action_gradient, &mut s.hidden, gradient);
+        if let Some(InputGradient { columns, numbers, is_current }) = &mut self.input_gradient {
+            actor.online.first_input_gradients(&s.hidden, *columns, numbers);
+            *is_current = true;
+        }
         let step = self.updates / options.policy_delay;
         let target = Some(actor.target.parameters_mut());
         actor.moments.step(
@@ -360,5 +412,105 @@ fn clamp<T: Real>(x: T, bound: T) -> T {
         -bound
     } else {
         x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZES: [usize; 2] = [5, 2];
+
+    fn learner() -> Learner<f64> {
+        let options = Td3Options { hidden: [16, 12], batch: 8, max_action: 1.5, ..Td3Options::default() };
+        Learner::new(options, SIZES, 3).unwrap()
+    }
+
+    fn batches() -> Vec<TransitionBatch<f64>> {
+        let mut rng = Rng::new(4, "learner", "test");
+        let mut batch = || {
+            let mut batch = TransitionBatch::new(8, SIZES[0], SIZES[1]);
+            for numbers in [&mut batch.observations, &mut batch.next_observations, &mut batch.actions] {
+                numbers.fill_with(|| rng.uniform(-1.0, 1.0));
+            }
+            batch.rewards.fill_with(|| rng.normal());
+            batch.noise.fill_with(|| rng.normal());
+            batch.not_terminal.fill(1.0);
+            batch
+        };
+        (0..4).map(|_| batch()).collect()
+    }
+
+    /// `−mean Q(s, π(s'))`: the observations of the critic and those of the actor.
+    fn loss(actor: &Network<f64>, critic: &Network<f64>, fixed: &[f64], moved: &[f64], bound: f64) -> f64 {
+        let [observation, action] = SIZES;
+        let rows = fixed.chunks_exact(observation).zip(moved.chunks_exact(observation));
+        let value = |(fixed, moved): (&[f64], &[f64])| {
+            let (mut memory, mut actions, mut q) = (SingleRow::default(), vec![0.0; action], [0.0]);
+            actor.forward_one(moved, &mut memory, &mut actions);
+            let input: Vec<f64> =
+                fixed.iter().copied().chain(actions.iter().map(|x| bound * x.tanh())).collect();
+            critic.forward_one(&input, &mut memory, &mut q);
+            q[0]
+        };
+        -rows.map(value).sum::<f64>() / (fixed.len() / observation) as f64
+    }
+
+    #[test]
+    fn input_gradients_are_slopes_through_the_actor_before_its_step() {
+        const COLUMNS: usize = 3;
+        const STEP: f64 = 1e-5;
+        let mut learner = learner().with_input_gradient(COLUMNS).unwrap();
+        assert_eq!(learner.input_gradient(), None);
+        for (k, batch) in batches().iter().enumerate() {
+            let actor = learner.actor().clone();
+            learner.update(batch);
+            if k % 2 == 0 {
+                assert_eq!(learner.input_gradient(), None);
+                continue;
+            }
+            let gradient = learner.input_gradient().unwrap();
+            assert_eq!(gradient.len(), 8 * COLUMNS);
+            let critic = &learner.critics[0].online;
+            for (index, gradient) in gradient.iter().enumerate() {
+                let at = |step: f64| {
+                    let mut moved = batch.observations.clone();
+                    moved[index / COLUMNS * SIZES[0] + index % COLUMNS] += step;
+                    loss(&actor, critic, &batch.observations, &moved, 1.5)
+                };
+                let slope = (at(STEP) - at(-STEP)) / (2.0 * STEP);
+                assert!((slope - gradient).abs() < 1e-9, "{k} {index}: {slope} against {gradient}");
+            }
+            assert!(gradient.iter().any(|x| x.abs() > 1e-4), "{gradient:?}");
+        }
+    }
+
+    #[test]
+    fn the_input_gradient_changes_nothing_of_the_training() {
+        let (mut plain, mut with) = (learner(), learner().with_input_gradient(SIZES[0]).unwrap());
+        for batch in batches() {
+            assert_eq!(plain.update(&batch), with.update(&batch));
+            assert_eq!(plain.input_gradient(), None);
+        }
+        assert_eq!((&plain.actor, &plain.critics), (&with.actor, &with.critics));
+    }
+
+    #[test]
+    fn gradients_of_columns_that_the_observation_lacks_are_refused() {
+        let refused = |columns| learner().with_input_gradient(columns).unwrap_err();
+        assert!(refused(6).contains("6") && refused(6).contains("1 to 5"), "{}", refused(6));
+        assert!(refused(0).contains("1 to 5"), "{}", refused(0));
+    }
+
+    #[test]
+    fn tensors_from_elsewhere_end_the_last_update() {
+        let mut learner = learner().with_input_gradient(2).unwrap();
+        for batch in &batches()[..2] {
+            learner.update(batch);
+        }
+        assert!(learner.input_gradient().is_some());
+        let all = learner.tensors().into_iter().map(|t| (t.name, t.numbers.to_vec())).collect();
+        learner.set_tensors(&all, 2).unwrap();
+        assert_eq!(learner.input_gradient(), None);
     }
 }

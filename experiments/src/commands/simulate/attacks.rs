@@ -110,12 +110,13 @@ impl<'a> SceneAttacks<'a> {
             Self::Generated(generator) => {
                 let (ctx, built) = (context()?, &generator.built);
                 let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
-                let attacks = built.attacks_on_driver(&ctx, generator.args.seed)?;
+                let test = test.context("an attacked driver is tested")?;
+                let attacks = built.attacks_on_driver(&ctx, test, generator.args.seed)?;
                 let planned = attacks.into_iter().zip(&generator.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();
                     let label = if uses_point { point.long_label() } else { generator.method.to_string() };
-                    let path = test.context("an attacked driver is tested")?.path_of(&attack)?;
+                    let path = test.path_of(&attack)?;
                     let attack = PlannedAttack::of(&ctx, &avoidance, path);
                     let swept = point.swept().filter(|_| uses_point);
                     let described = generator.describe(point);

@@ -7,11 +7,12 @@ use candle_core::Tensor;
 use sage_core::seed::Rng;
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::optimiser::{Optimiser, adam};
 use crate::{
     Error, Parameters,
     nn::AdamW,
+    optimiser::{Optimiser, adam},
     parameters::{ParameterSpec, Scope},
+    seal::batch_norm::is_running,
     training::CheckpointFile,
 };
 
@@ -157,7 +158,7 @@ pub(super) fn train<T: Task>(
         Some(state) => state,
         None => {
             let start = Parameters::start(&specs, options.seed)?;
-            let optimiser = Optimiser::new(&start, AdamW::new(adam()))?;
+            let optimiser = optimiser(&start, AdamW::new(adam()))?;
             State { optimiser, best: start, rows: Vec::new() }
         }
     };
@@ -229,6 +230,11 @@ fn save<Row: Clone + Serialize + DeserializeOwned>(
     checkpoint.write(&state.rows, &all, state.optimiser.adam())
 }
 
+/// Trains all parameters but the running statistics of batch norms, which the network updates itself.
+fn optimiser(start: &Parameters, adam: AdamW) -> Result<Optimiser, Error> {
+    Optimiser::new(start, adam, |name| !is_running(name))
+}
+
 /// The state in a checkpoint, if there is one.
 fn resume<Row: Serialize + DeserializeOwned>(
     checkpoint: &CheckpointFile,
@@ -247,7 +253,7 @@ fn resume<Row: Serialize + DeserializeOwned>(
             return Err(checkpoint.unfit(problem));
         }
     }
-    Ok(Some(State { optimiser: Optimiser::new(&weights, adam)?, best, rows }))
+    Ok(Some(State { optimiser: optimiser(&weights, adam)?, best, rows }))
 }
 
 /// Asserts that equal trainings give equal bits, also when stopped after any epoch and resumed. `train` runs a training

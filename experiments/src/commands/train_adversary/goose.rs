@@ -1,0 +1,167 @@
+//! `sage train-adversary goose`: a policy that moves the control points of the adversary's path, against a driver.
+
+mod card;
+mod curves;
+mod measured;
+mod memory;
+mod options;
+mod state;
+mod training;
+
+use std::{collections::HashSet, time::Instant};
+
+use anyhow::{Context as _, Result, ensure};
+use candle_core::{Device, Tensor};
+use rayon::prelude::*;
+use sage_backbones::{
+    Parameters,
+    goose::{GOOSE_FILE, GooseWeights},
+    parameters::Header,
+};
+use sage_bench::ego::{self, Ego};
+use sage_core::{objective::Context, scene::SceneData};
+use sage_sim::{SimScene, attack_test::AttackTest};
+use serde_json::json;
+
+use self::{
+    options::TrainingOptions,
+    training::{Seat, Training},
+};
+use crate::{
+    Outcome, Registries,
+    cli::TrainGooseArgs,
+    output::{self, Run, RunState},
+    progress::{self, count},
+    scenes::{self, Scenes},
+};
+
+/// File from which an interrupted training resumes.
+const STATE: &str = "training.state";
+/// Decisions from one state to the next.
+const SAVED: u64 = 500;
+
+pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outcome> {
+    let clock = Instant::now();
+    let options = TrainingOptions::of(args)?;
+    let ego = Ego::new(&args.ego, registries)?;
+    let license = args.license.clone().unwrap_or_else(|| "unspecified".to_owned());
+    let training = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
+    let validation =
+        if args.dev.is_empty() { Scenes::default() } else { Scenes::under(&args.dev)?.attackable()? };
+    let train = training.read_all()?;
+    let known: HashSet<[u8; 16]> = train.iter().map(|data| data.scene.content_hash()).collect();
+    let mut dev = if args.dev.is_empty() { Vec::new() } else { validation.read_all()? };
+    dev.retain(|data| !known.contains(&data.scene.content_hash()));
+    let data = scenes::describe(&train);
+    let identity = json!({
+        "command": "train-adversary goose", "options": options, "data": &data, "dev": scenes::describe(&dev),
+        "ego": ego::identity(&args.ego)?, "seed": args.seed, "license": &license,
+        "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+    });
+    let results = [GOOSE_FILE, curves::TABLE, curves::PICTURE, card::FILE];
+    let (run, state) =
+        Run::start(&args.folder.out, identity.clone(), args.folder.force, &[STATE], &[], &results)?;
+    if state == RunState::Done {
+        return Ok(Outcome::Done);
+    }
+    let tests = tests(&training, &train, &ego, args.seed);
+    let seats = seats(&training, &tests, &options);
+    ensure!(!seats.is_empty(), "the driver meets the adversary in none of {}", count(train.len(), "scene"));
+    progress::say(&format!("{} to learn in ({:.0} s)", count(seats.len(), "scene"), clock.elapsed().as_secs_f64()));
+    let mut learning = Training::new(&options, &seats, args.seed)?;
+    let path = run.folder().path().join(STATE);
+    state::resume(&mut learning, &identity, &path)?;
+    while !learning.is_done() {
+        learning.decide()?;
+        if learning.decisions().is_multiple_of(SAVED) {
+            state::save(&learning, &identity, &path)?;
+            say(&learning, &options, &clock);
+        }
+    }
+    let parameters = parameters(&learning)?;
+    let header = Header {
+        backbone: "goose".to_owned(),
+        options: serde_json::to_value(&options.networks)?,
+        seed: args.seed,
+        data,
+        command: output::command(),
+        license,
+        notes: [
+            ("training".to_owned(), serde_json::to_string(&options)?),
+            ("driver".to_owned(), ego.label.clone()),
+        ]
+        .into(),
+        ..Header::default()
+    };
+    parameters.save(&header, &run.folder().path().join(GOOSE_FILE))?;
+    curves::write(learning.ended(), learning.losses(), run.folder())?;
+    let weights = GooseWeights::new(&parameters, &options.networks, GOOSE_FILE)?;
+    let measured = measured::measure(&validation, &dev, &weights, &*ego.policy, &options, args.seed);
+    let summary = json!({
+        "scenes": seats.len(), "decisions": learning.decisions(), "ended": learning.ended().len(),
+        "success": curves::success(learning.ended(), options.decisions, seats.len()), "measured": measured,
+    });
+    run.folder().write(card::FILE, card::page(&header, &ego.label, &summary).as_bytes())?;
+    let seconds = clock.elapsed().as_secs_f64();
+    run.finish(&summary, seconds)?;
+    progress::say(&format!("`{GOOSE_FILE}` is in `{}` ({seconds:.0} s)", args.folder.out.display()));
+    Ok(scenes::outcome_without(training.failed() + validation.failed()))
+}
+
+/// The driver in each scene that it can drive, with its drive without an attack, and the scene as it is attacked.
+fn tests<'e>(list: &Scenes, train: &[SceneData], ego: &'e Ego, seed: u64) -> Vec<(AttackTest<'e>, Context)> {
+    let one = |data: &SceneData| -> Result<_> {
+        let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
+        let test = AttackTest::new(&*ego.policy, &scene, seed)?;
+        let ctx = test.context()?;
+        ctx.check_apart_now()?;
+        Ok((test, ctx))
+    };
+    let all: Vec<Result<_>> = train.par_iter().with_max_len(1).map(one).collect();
+    let kept = all.into_iter().zip(train).filter_map(|(found, data)| {
+        found.with_context(|| format!("`{}`", data.name)).map_err(|error| list.fail(&data.name, &error)).ok()
+    });
+    kept.collect()
+}
+
+/// The scenes in which something can be learnt.
+fn seats<'a>(
+    list: &Scenes,
+    tests: &'a [(AttackTest<'a>, Context)],
+    options: &TrainingOptions,
+) -> Vec<Seat<'a>> {
+    let one = |(test, ctx): &'a (AttackTest<'a>, Context)| {
+        let id = &test.scene().id;
+        let seat = Seat::new(test, ctx, options).with_context(|| format!("`{id}`"));
+        seat.map_err(|error| list.fail(id, &error)).ok()
+    };
+    tests.iter().filter_map(one).filter(|seat| seat.is_useful(options)).collect()
+}
+
+fn say(learning: &Training, options: &TrainingOptions, clock: &Instant) {
+    let ended = learning.ended();
+    let newest = &ended[ended.len().saturating_sub(200)..];
+    let share = |of: fn(&training::Ended) -> bool| {
+        100.0 * newest.iter().filter(|one| of(one)).count() as f64 / newest.len().max(1) as f64
+    };
+    progress::say(&format!(
+        "decision {} of {}: goal reached in {:.0} %, contacts in {:.0} % of the last {} ({:.0} s)",
+        learning.decisions(),
+        options.decisions,
+        share(|one| one.is_done),
+        share(|one| one.is_hit),
+        count(newest.len(), "scene"),
+        clock.elapsed().as_secs_f64()
+    ));
+}
+
+/// Encoder and actor.
+fn parameters(learning: &Training) -> Result<Parameters> {
+    let mut actor = Parameters::default();
+    for tensor in learning.learner().tensors() {
+        if let Some(name) = tensor.name.strip_prefix("actor.") {
+            actor.insert(name, Tensor::from_slice(tensor.numbers, tensor.shape, &Device::Cpu)?);
+        }
+    }
+    Ok(GooseWeights::file_parameters(&learning.encoder().weights()?, &actor))
+}

@@ -1,0 +1,119 @@
+//! What the learner remembers: decisions with what was seen before and after, each with copies in hindsight.
+
+use std::{collections::VecDeque, sync::Arc};
+
+use sage_backbones::goose::{ACTION, Features, HIDDEN, REST, STATE};
+use sage_core::seed::Rng;
+use sage_generators::goose::{DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Judged, Trial, judge_in_hindsight};
+use sage_sim::rl::TransitionBatch;
+
+/// What a policy sees of a trial, for any goal.
+pub(super) struct Moment {
+    pub(super) rows: Vec<Features>,
+    /// The rest of the state, with the goal of attacks.
+    pub(super) rest: [f32; REST],
+}
+
+impl Moment {
+    pub(super) fn of(trial: &Trial) -> Arc<Self> {
+        Arc::new(Self { rows: trial.rows.clone(), rest: trial.rest(&DESIRED) })
+    }
+
+    /// The state, from the encoded rows.
+    pub(super) fn state(&self, encoded: &[f32]) -> [f32; STATE] {
+        let mut state = [0.0; STATE];
+        state[..HIDDEN].copy_from_slice(encoded);
+        state[HIDDEN..].copy_from_slice(&self.rest);
+        state
+    }
+}
+
+/// One decision with a goal.
+struct Copy {
+    /// The goal, as a state holds it.
+    goal: [f32; 3],
+    judged: Judged,
+}
+
+/// One decision.
+struct Step {
+    before: Arc<Moment>,
+    after: Arc<Moment>,
+    action: [f64; ACTION],
+    /// With the goal of attacks, and with goals in hindsight.
+    copies: Vec<Copy>,
+}
+
+/// The newest decisions.
+pub(super) struct Memory {
+    steps: VecDeque<Step>,
+    capacity: usize,
+    shares_curve: bool,
+}
+
+/// A batch of transitions, whose observations are still to be encoded.
+pub(super) struct Drawn<'m> {
+    pub(super) before: Vec<&'m [Features]>,
+    pub(super) after: Vec<&'m [Features]>,
+}
+
+impl Memory {
+    /// A memory of so many transitions.
+    pub(super) fn new(transitions: usize, shares_curve: bool) -> Self {
+        Self { steps: VecDeque::new(), capacity: transitions / (1 + HINDSIGHT), shares_curve }
+    }
+
+    /// Adds a decision, and copies of it with goals that are drawn without replacement.
+    pub(super) fn add(
+        &mut self,
+        moments: [Arc<Moment>; 2],
+        action: [f64; ACTION],
+        after: &Trial,
+        goals: &mut Rng,
+    ) {
+        let copy = |goal: &Goal, judged: Judged| {
+            let rest = after.rest(goal);
+            Copy { goal: [REST - 3, REST - 2, REST - 1].map(|k| rest[k]), judged }
+        };
+        let mut left = HINDSIGHT_GOALS.to_vec();
+        let mut copies = vec![copy(&DESIRED, after.judged)];
+        for _ in 0..HINDSIGHT {
+            let goal = left.swap_remove(goals.below(left.len()));
+            copies.push(copy(&goal, judge_in_hindsight(&after.achieved, &goal)));
+        }
+        let [before, after] = moments;
+        self.steps.push_back(Step { before, after, action, copies });
+        if self.steps.len() > self.capacity {
+            self.steps.pop_front();
+        }
+    }
+
+    /// Whether there is something to draw.
+    pub(super) fn is_empty(&self) -> bool {
+        self.steps.is_empty()
+    }
+
+    /// Draws transitions uniformly with replacement into a batch: everything but the encoded drives, which are the first numbers
+    /// of observations.
+    pub(super) fn draw(&self, rng: &mut Rng, batch: &mut TransitionBatch<f32>) -> Drawn<'_> {
+        let mut drawn = Drawn { before: Vec::new(), after: Vec::new() };
+        for k in 0..batch.rewards.len() {
+            let step = &self.steps[rng.below(self.steps.len())];
+            let copy = &step.copies[rng.below(step.copies.len())];
+            drawn.before.push(&step.before.rows);
+            drawn.after.push(&step.after.rows);
+            let rest = if self.shares_curve { &step.after.rest } else { &step.before.rest };
+            for (to, rest) in
+                [(&mut batch.observations, rest), (&mut batch.next_observations, &step.after.rest)]
+            {
+                let to = &mut to[k * STATE + HIDDEN..(k + 1) * STATE];
+                to.copy_from_slice(rest);
+                to[REST - 3..].copy_from_slice(&copy.goal);
+            }
+            batch.actions[k * ACTION..(k + 1) * ACTION].copy_from_slice(&step.action.map(|x| x as f32));
+            batch.rewards[k] = copy.judged.reward as f32;
+            batch.not_terminal[k] = if copy.judged.is_done { 0.0 } else { 1.0 };
+        }
+        drawn
+    }
+}

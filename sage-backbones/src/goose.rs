@@ -1,10 +1,11 @@
-//! The networks of GOOSE, a generator of adversarial scenes by reinforcement learning: in each round of an attack, an actor
-//! changes weights and control points of a spline, after an encoder has read the drive of the round before.
+//! The networks of GOOSE, a generator of adversarial scenes by reinforcement learning: in each round of an attack, an
+//! actor changes weights and control points of a spline, after an encoder has read the drive of the round before.
 //!
 //! - [`GooseWeights`] holds encoder and actor, read from one file, and gives the actor's action.
 //! - [`training`] trains the encoder by the gradient that the training of the actor passes on.
 
 mod gru;
+mod sequences;
 pub mod training;
 mod weights;
 

@@ -48,7 +48,8 @@ impl Optimiser {
 
     /// One step against the gradient of `loss`; returns the loss. `what` names the step in errors.
     ///
-    /// *Errors*: [`Error::NotFinite`] for a loss or gradient that is not finite, with its tensor; nothing has changed then.
+    /// *Errors*: [`Error::NotFinite`] for a loss or gradient that is not finite, with its tensor; nothing has changed
+    /// then.
     pub(crate) fn step(&mut self, loss: &Tensor, rate: f64, what: impl Fn() -> String) -> Result<f64, Error> {
         let value = f64::from(loss.to_scalar::<f32>()?);
         if !value.is_finite() {

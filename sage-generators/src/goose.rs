@@ -8,6 +8,7 @@
 mod curve;
 mod features;
 mod goal;
+mod mirror;
 mod trial;
 
 use sage_backbones::goose::{ACTION, GOOSE_FILE, GooseWeights};
@@ -23,6 +24,7 @@ use crate::{Facts, GeneratorInputs, GeneratorKind};
 
 pub use curve::{CONTROL_POINTS, Curve};
 pub use goal::{DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Judged, judge, judge_in_hindsight};
+pub use mirror::{mirrored_action, mirrored_rest, mirrored_rows};
 pub use trial::{RepeatedEgo, Trial, TrialScene};
 
 /// Trials of a scene: the recording's curve, and five changes.

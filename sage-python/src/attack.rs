@@ -131,6 +131,12 @@ impl PyAttack {
         self.attack.note.as_ref().map(Note::to_string)
     }
 
+    /// Drives of the driver under test that the generator asked for; 0 for those that ask for none.
+    #[getter]
+    fn queries(&self) -> usize {
+        self.attack.queries
+    }
+
     /// Seed of the attack.
     #[getter]
     fn seed(&self) -> u64 {
@@ -243,6 +249,8 @@ struct State {
     candidates: Vec<CandidateState>,
     chosen: usize,
     note: Option<Note>,
+    #[serde(default)]
+    queries: usize,
 }
 
 /// Trajectory, log-probability, goal and negative log-likelihood of a candidate.
@@ -253,7 +261,7 @@ impl State {
     fn of(attack: &Attack) -> Self {
         let state = |one: &Proposal| CandidateState(one.trajectory.clone(), one.log_prob, one.goal, one.nll);
         let candidates = attack.candidates.iter().map(state).collect();
-        Self { candidates, chosen: attack.chosen, note: attack.note.clone() }
+        Self { candidates, chosen: attack.chosen, note: attack.note.clone(), queries: attack.queries }
     }
 }
 
@@ -267,7 +275,8 @@ pub(crate) fn of_state(scene: &SceneData, state: &str) -> Result<Attack> {
     let candidates = candidates
         .map(|CandidateState(trajectory, log_prob, goal, nll)| Proposal { trajectory, log_prob, goal, nll })
         .collect();
-    let attack = Attack::of(candidates, state.chosen, state.note);
+    let attack =
+        Attack { queries: state.queries, ..Attack::of(candidates, state.chosen, state.note) };
     attack.check(&scene.scene)?;
     Ok(attack)
 }

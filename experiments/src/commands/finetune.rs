@@ -13,12 +13,12 @@ use sage_backbones::{
     features::EdgeKinds,
     parameters::Header,
     training::{
-        CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune, role_assignments,
+        CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune,
     },
     weights::PRIOR_FILE,
 };
 use sage_bench::{table::Table, weights::NamedNetwork};
-use sage_core::{objective::Objective, scene::SceneData};
+use sage_core::objective::Objective;
 use sage_generators::DIAL_FILE;
 use sage_merging::{ExpertFile, ExpertSet};
 use serde_json::{Map, Value, json};
@@ -108,7 +108,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         return Ok(Outcome::Done);
     }
     let folder = run.folder();
-    let train = with_other_roles(train, *roles);
+    let train = scenes::with_other_roles(train, *roles);
     let is_mirrored = experts.iter().any(|expert| expert.options.mirror);
     let images = if is_mirrored { 2 } else { 1 };
     let prepared = images * train.len() + dev.len();
@@ -196,16 +196,6 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         clock.elapsed().as_secs_f64()
     ));
     Ok(scenes::outcome_without(failed))
-}
-
-/// Adds to the scenes the same scenes under other role assignments, at most `most` for each.
-fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
-    let reassigned = |data: &SceneData| -> Vec<SceneData> {
-        let roles = role_assignments(&data.scene, most).into_iter().enumerate();
-        roles.map(|(k, scene)| SceneData::new(format!("{} roles {}", data.name, k + 1), scene)).collect()
-    };
-    let others: Vec<Vec<SceneData>> = scenes.par_iter().map(reassigned).collect();
-    scenes.into_iter().chain(others.into_iter().flatten()).collect()
 }
 
 /// Mean expectations of the prior and of an expert.

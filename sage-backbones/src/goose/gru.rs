@@ -4,15 +4,16 @@
 //! `n = tanh(W_in x + b_in + r (W_hn h + b_hn))`, `h' = (1 − z) n + z h`.
 //!
 //! Inputs of all steps are projected by one product. The recurrent part is one operation with its own gradient, so
-//! the gradients of the weights are one product each, not one for each step. Sequences are sorted, the longest first: each
-//! step is one product over the first rows of the step before, and no row is padding.
+//! the gradients of the weights are one product each, not one for each step. Sequences are sorted, the longest first:
+//! each step is one product over the first rows of the step before, and no row is padding.
 
 use candle_core::{
-    CpuStorage, CustomOp3, Device, Layout, Result, Shape, Tensor, WithDType, backend::BackendStorage as _,
+    CpuStorage, CustomOp3, Device, Layout, Result, Shape, Tensor, WithDType as _,
+    backend::BackendStorage as _,
 };
 
+use super::sequences::Sequences;
 use crate::{
-    Error,
     nn::{Real, by_dtype, column_sums, sigmoid, tanh, wide, with_slice},
     parameters::{Init, Scope},
 };
@@ -39,7 +40,8 @@ impl Gru {
         })
     }
 
-    /// The hidden state of each sequence after its own last step, from a state of zeros. No gradient flows to the inputs.
+    /// The hidden state of each sequence after its own last step, from a state of zeros. No gradient flows to the
+    /// inputs.
     ///
     /// *Shapes*: result (n, hidden), in the order in which the sequences were given.
     pub(super) fn forward(&self, sequences: Sequences) -> Result<Tensor> {
@@ -50,42 +52,6 @@ impl Gru {
             return self.weight_ih.apply_op3(&self.weight_hh, &biases, trace);
         }
         by_dtype!(self.weight_ih.dtype(), T => trace.last::<T>())
-    }
-}
-
-/// Sequences of different lengths, step by step, the longest first.
-pub(super) struct Sequences {
-    /// (rows, inputs): all rows of the first step first.
-    inputs: Tensor,
-    /// Sequences that have each step. It never grows.
-    counts: Vec<usize>,
-    /// For each row of the first step, the place of its sequence among those given.
-    order: Vec<usize>,
-}
-
-impl Sequences {
-    /// *Errors*: [`Error::Mismatch`] for no sequence, and for a sequence without steps.
-    pub(super) fn new<T: WithDType, const INPUTS: usize>(
-        given: &[&[[T; INPUTS]]],
-    ) -> std::result::Result<Self, Error> {
-        if given.is_empty() {
-            return Err(Error::Mismatch("no sequence to encode".to_owned()));
-        }
-        if let Some(index) = given.iter().position(|sequence| sequence.is_empty()) {
-            return Err(Error::Mismatch(format!("sequence {index} of {} has no step", given.len())));
-        }
-        let mut order: Vec<usize> = (0..given.len()).collect();
-        order.sort_by_key(|k| std::cmp::Reverse(given[*k].len()));
-        let mut counts = Vec::with_capacity(given[order[0]].len());
-        let mut numbers = Vec::with_capacity(given.iter().map(|sequence| sequence.len() * INPUTS).sum());
-        for step in 0..given[order[0]].len() {
-            let present = order.iter().map_while(|k| given[*k].get(step));
-            let before = numbers.len();
-            present.for_each(|row| numbers.extend_from_slice(row));
-            counts.push((numbers.len() - before) / INPUTS);
-        }
-        let rows = counts.iter().sum::<usize>();
-        Ok(Self { inputs: Tensor::from_vec(numbers, (rows, INPUTS), &Device::Cpu)?, counts, order })
     }
 }
 
@@ -403,7 +369,7 @@ impl CustomOp3 for Trace {
 mod tests {
     use super::*;
     use crate::Parameters;
-    use candle_core::DType;
+    use candle_core::{DType, WithDType};
     use sage_core::seed::Rng;
 
     const INPUTS: usize = 3;
@@ -506,9 +472,9 @@ mod tests {
         }
     }
 
-    /// Number k of all weights, in the order of [`NAMES`], is sin k; number j of a sequence is cos (first + j). The loss
-    /// is the sum of `unit · state` over the units 1 to 4 and all sequences. torch 2's `nn.GRU` in `f64` gives these
-    /// states, and these sums of `gradient[k] · cos k`.
+    /// Number k of all weights, in the order of [`NAMES`], is sin k; number j of a sequence is cos (first + j). The
+    /// loss is the sum of `unit · state` over the units 1 to 4 and all sequences. torch 2's `nn.GRU` in `f64` gives
+    /// these states, and these sums of `gradient[k] · cos k`.
     #[test]
     fn states_and_gradients_are_those_of_pytorch() {
         const STATES: [[f64; UNITS]; 3] = [
@@ -552,12 +518,5 @@ mod tests {
                 assert!((found - expected).abs() < 10.0 * bound, "{dtype:?} {name}: {found} and {expected}");
             }
         }
-    }
-
-    #[test]
-    fn no_sequence_and_sequences_without_steps_are_refused() {
-        let message = |given: &[&[[f64; INPUTS]]]| Sequences::new(given).err().unwrap().to_string();
-        assert!(message(&[]).contains("no sequence"));
-        assert!(message(&[&[[0.0; INPUTS]], &[]]).contains("sequence 1 of 2 has no step"));
     }
 }

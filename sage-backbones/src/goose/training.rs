@@ -1,15 +1,12 @@
 //! Training of GOOSE's encoder by the gradient that the training of the actor passes on.
 //!
-//! Each step has three parts: [`EncoderTraining::encode`] the drives of a batch; compute the gradient of a loss with respect
-//! to [`Encoded::hidden`] elsewhere; [`EncoderTraining::step`]. Equal inputs give equal bits at any number of threads, also
-//! after a resumption from [`EncoderTraining::state`].
+//! Each step has three parts: [`EncoderTraining::encode`] the drives of a batch; compute the gradient of a loss with
+//! respect to [`Encoded::hidden`] elsewhere; [`EncoderTraining::step`]. Equal inputs give equal bits at any number of
+//! threads, also after a resumption from [`EncoderTraining::state`].
 
 use candle_core::{DType, Device, Tensor};
 
-use super::{
-    FEATURES, Features, HIDDEN,
-    gru::{Gru, Sequences},
-};
+use super::{FEATURES, Features, HIDDEN, gru::Gru, sequences::Sequences};
 use crate::{
     Error, Parameters,
     nn::{AdamW, Moments},
@@ -90,8 +87,8 @@ impl EncoderTraining {
 
     /// One step of Adam against `sum(gradient · hidden)`. `gradient` has the shape of [`Encoded::hidden`].
     ///
-    /// *Errors*: [`Error::NotFinite`] for a gradient that is not finite, with its tensor; [`Error::Mismatch`] for a gradient
-    /// of another size, and for encodings of weights that have changed since. Nothing has changed then.
+    /// *Errors*: [`Error::NotFinite`] for a gradient that is not finite, with its tensor; [`Error::Mismatch`] for a
+    /// gradient of another size, and for encodings of weights that have changed since. Nothing has changed then.
     pub fn step(&mut self, encoded: &Encoded, gradient: &[f32]) -> Result<(), Error> {
         if encoded.version != self.version {
             return Err(Error::Mismatch(format!("{NAME}: the weights have changed since the encoding")));
@@ -145,8 +142,8 @@ impl EncoderTraining {
 
     /// Continues from the state of another training, with the rate of this one.
     ///
-    /// *Errors*: [`Error::Weights`] with each tensor that is missing, of another shape or type, or not part of the state;
-    /// nothing has changed then.
+    /// *Errors*: [`Error::Weights`] with each tensor that is missing, of another shape or type, or not part of the
+    /// state; nothing has changed then.
     pub fn set_state(&mut self, state: &Parameters, steps: u64) -> Result<(), Error> {
         let specs = Scope::list(network)?;
         let moments = MOMENTS.iter().flat_map(|prefix| {

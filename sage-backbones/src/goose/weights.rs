@@ -3,10 +3,7 @@
 use candle_core::{DType, Device, Module as _, Tensor};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    ACTION, ACTOR_HIDDEN, FEATURES, Features, HIDDEN, REST, STATE,
-    gru::{Gru, Sequences},
-};
+use super::{ACTION, ACTOR_HIDDEN, FEATURES, Features, HIDDEN, REST, STATE, gru::Gru, sequences::Sequences};
 use crate::{
     Error, Parameters,
     nn::Linear,
@@ -63,8 +60,8 @@ impl GooseWeights {
 
     /// The specifications of all tensors of the file, sorted by name: `encoder.weight_ih`, …, `actor.l1.weight`, …
     ///
-    /// *Shapes*: weights [outputs, inputs], those of the encoder [3 · [`HIDDEN`], inputs] with the gates reset, update and
-    /// candidate.
+    /// *Shapes*: weights [outputs, inputs], those of the encoder [3 · [`HIDDEN`], inputs] with the gates reset,
+    /// update and candidate.
     ///
     /// *Errors*: none on a CPU.
     pub fn parameter_specs() -> Result<Vec<ParameterSpec>, Error> {
@@ -97,12 +94,13 @@ impl GooseWeights {
 
     /// Reads a file beside the prior, such as [`GOOSE_FILE`].
     ///
-    /// *Errors*: [`Error::Io`] for a file that is missing or cannot be read, [`Error::Format`] for one that is damaged or
-    /// of another network, and those of [`GooseWeights::new`]; each names the file and the remedy.
+    /// *Errors*: [`Error::Io`] for a file that is missing or cannot be read, [`Error::Format`] for one that is
+    /// damaged or of another network, and those of [`GooseWeights::new`]; each names the file and the remedy.
     pub fn load_file(weights: &Weights, file: &str) -> Result<Self, Error> {
         let path = weights.path(file);
         if !weights.has(file) {
-            let problem = "the file is missing; copy that of `sage train-adversary goose` beside the prior, or name weights that hold it";
+            let problem = "the file is missing; copy that of `sage train-adversary goose` beside the \
+                           prior, or name weights that hold it";
             let source = std::io::Error::new(std::io::ErrorKind::NotFound, problem);
             return Err(Error::Io { verb: "read", path, source });
         }
@@ -129,10 +127,11 @@ impl GooseWeights {
 
     /// The action after a drive: changes of weights and control points, each in [−1, 1].
     ///
-    /// *Shapes*: `sequence` one row per step of the drive, the first step first; `rest` curve, achieved goal, desired goal.
+    /// *Shapes*: `sequence` one row per step of the drive, the first step first; `rest` curve, achieved goal, desired
+    /// goal.
     ///
-    /// *Errors*: [`Error::Mismatch`] for a drive without steps, [`Error::NotFinite`] for an input or a result of a layer
-    /// that is not finite.
+    /// *Errors*: [`Error::Mismatch`] for a drive without steps, [`Error::NotFinite`] for an input or a result of a
+    /// layer that is not finite.
     pub fn action(&self, sequence: &[Features], rest: &[f32; REST]) -> Result<[f64; ACTION], Error> {
         check_finite(sequence.as_flattened(), "drive")?;
         check_finite(rest, "state")?;

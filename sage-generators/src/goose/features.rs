@@ -10,7 +10,7 @@ use sage_core::{
 /// Frames from one row to the next.
 pub(super) const STRIDE: usize = 5;
 /// Numbers of an agent: position and velocity (forward, left), heading, absolute acceleration and yaw rate, 1.
-const NUMBERS: usize = 8;
+pub(super) const NUMBERS: usize = 8;
 /// Agents of a row.
 const AGENTS: usize = FEATURES / NUMBERS;
 /// Units of the numbers of an agent, if they are scaled: 50 m, 10 m/s, 1 rad, 10 m/s², 1 rad/s.

@@ -157,9 +157,9 @@ impl<T: Real> Learner<T> {
     }
 
     /// Computes, in the updates with a step of the actor, also the gradient of the actor's loss with respect to the
-    /// first `columns` numbers of each observation. It is the gradient through the actor alone: the observation that the
-    /// critic reads is taken as fixed. It trains an encoder before the actor, and changes no bit of the learner's own
-    /// training.
+    /// first `columns` numbers of each observation. It is the gradient through the actor alone: the observation that
+    /// the critic reads is taken as fixed. It trains an encoder before the actor, and changes no bit of the learner's
+    /// own training.
     ///
     /// *Errors*: no column, or more than the observation has.
     pub fn with_input_gradient(mut self, columns: usize) -> Result<Self, String> {
@@ -174,9 +174,9 @@ impl<T: Real> Learner<T> {
         Ok(self)
     }
 
-    /// The gradient of [`Learner::with_input_gradient`] for the batch of the last update, rows × columns, with the actor
-    /// before its step and the critic after its own. `None` if that update had no step of the actor, or if it is not
-    /// asked for.
+    /// The gradient of [`Learner::with_input_gradient`] for the batch of the last update, rows × columns, with the
+    /// actor before its step and the critic after its own. `None` if that update had no step of the actor, or if it
+    /// is not asked for.
     pub fn input_gradient(&self) -> Option<&[T]> {
         self.input_gradient
             .as_ref()

@@ -212,8 +212,8 @@ impl<T: Real> Network<T> {
         narrow_layer(to, &hidden.first, &transposed, &none);
     }
 
-    /// Gradient of the first `columns` inputs of each row, from what [`Self::backward`] left in `hidden`. It uses a matrix
-    /// product, which is faster than [`Self::backward_to_inputs`] for many columns.
+    /// Gradient of the first `columns` inputs of each row, from what [`Self::backward`] left in `hidden`. It uses a
+    /// matrix product, which is faster than [`Self::backward_to_inputs`] for many columns.
     ///
     /// *Shapes*: `to` rows × `columns`.
     pub(super) fn first_input_gradients(&self, hidden: &HiddenGradients<T>, columns: usize, to: &mut [T]) {

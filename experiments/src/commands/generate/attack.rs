@@ -255,6 +255,7 @@ impl SceneWriter<'_> {
             outcome: *outcome,
             counts,
             note: attack.note.as_ref().map(Note::to_string),
+            queries: attack.queries,
             scores: ChosenScores { scores, avoidable, r157_avoids: *r157_avoids },
             candidates,
         }

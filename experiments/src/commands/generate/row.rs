@@ -40,9 +40,16 @@ pub(super) struct VariantRow<'r> {
     pub(super) outcome: SelectionOutcome,
     pub(super) counts: &'r CandidateCounts,
     pub(super) note: Option<String>,
+    /// Drives of the driver that the generator asked for.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub(super) queries: usize,
     pub(super) scores: ChosenScores<'r>,
     /// The last field, so that the others can be read without it.
     pub(super) candidates: Vec<CandidateRow<'r>>,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// The row of a scene in which no attack can be measured.

@@ -49,6 +49,8 @@ pub(crate) struct PlannedAttack {
     pub(crate) contact: Option<usize>,
     /// Whether that drive has an evasive manoeuvre.
     avoidable: Avoidable,
+    /// Drives of the driver that the generator asked for.
+    queries: usize,
 }
 
 impl<'a> SceneAttacks<'a> {
@@ -117,7 +119,8 @@ impl<'a> SceneAttacks<'a> {
                     let uses_point = built.facts.uses_operating_point();
                     let label = if uses_point { point.long_label() } else { generator.method.to_string() };
                     let path = test.path_of(&attack)?;
-                    let attack = PlannedAttack::of(&ctx, &avoidance, path);
+                    let planned = PlannedAttack::of(&ctx, &avoidance, path);
+                    let attack = PlannedAttack { queries: attack.queries, ..planned };
                     let swept = point.swept().filter(|_| uses_point);
                     let described = generator.describe(point);
                     Ok(PlannedDrive { described, label, swept, attack: Some(attack) })
@@ -136,7 +139,8 @@ impl PlannedAttack {
         let (feasible, believable) = (scores.feasible, scores.believable);
         let avoidable = avoidance.of(&candidate);
         let contact = scores.collision_step;
-        Self { path, feasible, believable, unbelievable: scores.unbelievable, contact, avoidable }
+        let unbelievable = scores.unbelievable;
+        Self { path, feasible, believable, unbelievable, contact, avoidable, queries: 0 }
     }
 
     /// The row of the attack, with its verdict and the drive before.
@@ -148,6 +152,7 @@ impl PlannedAttack {
             believable: self.believable,
             unbelievable: self.unbelievable,
             verdict,
+            queries: self.queries,
             avoidable: self.avoidable,
             unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
         }

@@ -88,11 +88,18 @@ pub(crate) struct AttackRow {
     pub(crate) unbelievable: Vec<Reason>,
     /// Whether the driver falls for it.
     pub(crate) verdict: Verdict,
+    /// Drives of the driver that the generator asked for.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub(crate) queries: usize,
     /// Step of the first contact without the attack.
     pub(crate) unattacked_contact: Option<i64>,
     /// Whether the drive before could evade the attack.
     #[serde(flatten)]
     pub(crate) avoidable: Avoidable,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// A contact in words. `adversary` is the track of the adversary.

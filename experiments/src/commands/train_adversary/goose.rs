@@ -64,6 +64,7 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     if state == RunState::Done {
         return Ok(Outcome::Done);
     }
+    let train = scenes::with_other_roles(train, options.roles);
     let tests = tests(&training, &train, &ego, args.seed);
     let seats = seats(&training, &tests, &options);
     ensure!(!seats.is_empty(), "the driver meets the adversary in none of {}", count(train.len(), "scene"));
@@ -78,6 +79,8 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
             say(&learning, &options, &clock);
         }
     }
+    let decisions = learning.decisions();
+    learning.end_scenes()?;
     let parameters = parameters(&learning)?;
     let header = Header {
         backbone: "goose".to_owned(),
@@ -98,7 +101,7 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     let weights = GooseWeights::new(&parameters, &options.networks, GOOSE_FILE)?;
     let measured = measured::measure(&validation, &dev, &weights, &*ego.policy, &options, args.seed);
     let summary = json!({
-        "scenes": seats.len(), "decisions": learning.decisions(), "ended": learning.ended().len(),
+        "scenes": seats.len(), "decisions": decisions, "ended": learning.ended().len(),
         "success": curves::success(learning.ended(), options.decisions, seats.len()), "measured": measured,
     });
     run.folder().write(card::FILE, card::page(&header, &ego.label, &summary).as_bytes())?;

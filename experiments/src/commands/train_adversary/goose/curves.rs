@@ -21,7 +21,7 @@ const HEADS: [&str; 8] = [
 /// Parts of a training that are compared: the last with the first.
 const FIFTHS: u64 = 5;
 
-/// One part of the training: the scenes that ended in it.
+/// One part of the training: the scenes that began in it.
 struct Part {
     decision: u64,
     ended: Vec<Ended>,
@@ -33,7 +33,7 @@ fn parts(ended: &[Ended], losses: &[Losses]) -> Vec<Part> {
     let part = |losses: &Losses| {
         let (from, to) = (before, losses.decision);
         before = to;
-        let ended = ended.iter().filter(|one| from < one.decision && one.decision <= to).cloned().collect();
+        let ended = ended.iter().filter(|one| from < one.began && one.began <= to).cloned().collect();
         Part { decision: to, ended, losses: *losses }
     };
     losses.iter().map(part).collect()
@@ -77,7 +77,7 @@ pub(super) fn write(ended: &[Ended], losses: &[Losses], folder: &Folder) -> Resu
 pub(super) fn success(ended: &[Ended], decisions: u64, scenes: usize) -> [Option<Estimate>; 3] {
     let mut counts = vec![[[0.0; 2]; 2]; scenes];
     for one in ended {
-        let fifth = (one.decision.saturating_sub(1) * FIFTHS / decisions.max(1)).min(FIFTHS - 1);
+        let fifth = (one.began.saturating_sub(1) * FIFTHS / decisions.max(1)).min(FIFTHS - 1);
         let part = match fifth {
             0 => 0,
             fifth if fifth == FIFTHS - 1 => 1,

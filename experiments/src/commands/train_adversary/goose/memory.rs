@@ -4,19 +4,30 @@ use std::{collections::VecDeque, sync::Arc};
 
 use sage_backbones::goose::{ACTION, Features, HIDDEN, REST, STATE};
 use sage_core::seed::Rng;
-use sage_generators::goose::{DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Judged, Trial, judge_in_hindsight};
+use sage_generators::goose::{
+    DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Judged, Trial, judge_in_hindsight, mirrored_action, mirrored_rest,
+    mirrored_rows,
+};
 use sage_sim::rl::TransitionBatch;
+
+use super::options::TrainingOptions;
 
 /// What a policy sees of a trial, for any goal.
 pub(super) struct Moment {
     pub(super) rows: Vec<Features>,
+    mirrored: Vec<Features>,
     /// The rest of the state, with the goal of attacks.
     pub(super) rest: [f32; REST],
 }
 
 impl Moment {
     pub(super) fn of(trial: &Trial) -> Arc<Self> {
-        Arc::new(Self { rows: trial.rows.clone(), rest: trial.rest(&DESIRED) })
+        let rows = trial.rows.clone();
+        Arc::new(Self { mirrored: mirrored_rows(&rows), rows, rest: trial.rest(&DESIRED) })
+    }
+
+    fn rows(&self, is_mirrored: bool) -> &[Features] {
+        if is_mirrored { &self.mirrored } else { &self.rows }
     }
 
     /// The state, from the encoded rows.
@@ -49,6 +60,7 @@ pub(super) struct Memory {
     steps: VecDeque<Step>,
     capacity: usize,
     shares_curve: bool,
+    mirrors: bool,
 }
 
 /// A batch of transitions, whose observations are still to be encoded.
@@ -58,9 +70,11 @@ pub(super) struct Drawn<'m> {
 }
 
 impl Memory {
-    /// A memory of so many transitions.
-    pub(super) fn new(transitions: usize, shares_curve: bool) -> Self {
-        Self { steps: VecDeque::new(), capacity: transitions / (1 + HINDSIGHT), shares_curve }
+    /// A memory as the options say.
+    pub(super) fn new(options: &TrainingOptions) -> Self {
+        let TrainingOptions { buffer, shared_curve, mirror, .. } = *options;
+        let capacity = buffer / (1 + HINDSIGHT);
+        Self { steps: VecDeque::new(), capacity, shares_curve: shared_curve, mirrors: mirror }
     }
 
     /// Adds a decision, and copies of it with goals that are drawn without replacement.
@@ -100,17 +114,20 @@ impl Memory {
         for k in 0..batch.rewards.len() {
             let step = &self.steps[rng.below(self.steps.len())];
             let copy = &step.copies[rng.below(step.copies.len())];
-            drawn.before.push(&step.before.rows);
-            drawn.after.push(&step.after.rows);
+            let is_mirrored = self.mirrors && rng.below(2) == 1;
+            drawn.before.push(step.before.rows(is_mirrored));
+            drawn.after.push(step.after.rows(is_mirrored));
             let rest = if self.shares_curve { &step.after.rest } else { &step.before.rest };
             for (to, rest) in
                 [(&mut batch.observations, rest), (&mut batch.next_observations, &step.after.rest)]
             {
                 let to = &mut to[k * STATE + HIDDEN..(k + 1) * STATE];
-                to.copy_from_slice(rest);
+                let rest = if is_mirrored { mirrored_rest(rest) } else { *rest };
+                to.copy_from_slice(&rest);
                 to[REST - 3..].copy_from_slice(&copy.goal);
             }
-            batch.actions[k * ACTION..(k + 1) * ACTION].copy_from_slice(&step.action.map(|x| x as f32));
+            let action = if is_mirrored { mirrored_action(&step.action) } else { step.action };
+            batch.actions[k * ACTION..(k + 1) * ACTION].copy_from_slice(&action.map(|x| x as f32));
             batch.rewards[k] = copy.judged.reward as f32;
             batch.not_terminal[k] = if copy.judged.is_done { 0.0 } else { 1.0 };
         }

@@ -10,6 +10,8 @@ use crate::cli::TrainGooseArgs;
 
 /// Most decisions of a training: their drives are held in memory, about 3 kB each.
 const MOST_DECISIONS: u64 = 200_000;
+/// Most role assignments of a scene.
+const MOST_ROLES: usize = 32;
 
 /// Options of the training; the defaults of the learner are those that are published.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -31,6 +33,10 @@ pub(super) struct TrainingOptions {
     pub gamma: f64,
     /// Standard deviation of the noise of actions.
     pub exploration_noise: f64,
+    /// Most further role assignments of each scene: other vehicles as adversary.
+    pub roles: usize,
+    /// Whether transitions are also drawn as mirror images.
+    pub mirror: bool,
     /// What the networks see, and where the curve begins.
     pub networks: GooseOptions,
     /// As published by mistake: both observations of a transition have the later curve and achieved goal.
@@ -50,6 +56,8 @@ impl Default for TrainingOptions {
             rate: 3e-4,
             gamma: 0.99,
             exploration_noise: 0.01,
+            roles: 3,
+            mirror: true,
             networks: GooseOptions::default(),
             shared_curve: false,
             keep_unmet: false,
@@ -65,13 +73,14 @@ impl TrainingOptions {
         let given = &args.options;
         let options: Self =
             serde_json::from_str(given).with_context(|| format!("--options: `{given}` is not usable"))?;
-        let Self { decisions, random, trials, buffer, batch, .. } = options;
+        let Self { decisions, random, trials, buffer, batch, roles, .. } = options;
         ensure!(
             (1..=MOST_DECISIONS).contains(&decisions),
             "--options: `decisions` is {decisions}; expected 1 to {MOST_DECISIONS}"
         );
         ensure!((2..=100).contains(&trials), "--options: `trials` is {trials}; expected 2 to 100");
         ensure!(random >= 1, "--options: `random` is {random}; expected at least 1");
+        ensure!(roles <= MOST_ROLES, "--options: `roles` is {roles}; expected at most {MOST_ROLES}");
         let least = batch.max(1 + HINDSIGHT);
         ensure!(buffer >= least, "--options: `buffer` is {buffer}; expected at least {least}");
         options.td3().check().map_err(|problem| anyhow::anyhow!("--options: {problem}"))?;

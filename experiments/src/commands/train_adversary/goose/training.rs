@@ -56,6 +56,7 @@ impl<'a> Seat<'a> {
 struct InProgress {
     trial: Trial,
     moment: Arc<Moment>,
+    began: u64,
     /// Number of trials so far.
     trials: usize,
     reward: f64,
@@ -64,8 +65,9 @@ struct InProgress {
 /// How the trials in a scene ended.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Ended {
-    /// Decision of its last trial, from 1.
-    pub decision: u64,
+    /// Decision of its first change of the curve, from 1. Parts of a training are told apart by it: by the last one, the first part
+    /// would hold those that end soon.
+    pub began: u64,
     /// Scene.
     pub scene: usize,
     /// Whether the goal was reached.
@@ -120,7 +122,7 @@ impl<'a> Training<'a> {
             seed,
             seats,
             scenes: seats.iter().map(|_| None).collect(),
-            memory: Memory::new(options.buffer, options.shared_curve),
+            memory: Memory::new(options),
             learner: learner.map_err(anyhow::Error::msg)?,
             encoder: EncoderTraining::new(seed, options.rate)?,
             batch,
@@ -194,6 +196,20 @@ impl<'a> Training<'a> {
         restore(&mut self.learner, &mut self.encoder)
     }
 
+    /// Ends the scenes in progress by the policy without noise, so that the last part of the training is whole.
+    ///
+    /// *Errors*: as [`Training::decide`].
+    pub(super) fn end_scenes(&mut self) -> Result<()> {
+        for scene in 0..self.seats.len() {
+            while let Some(at) = &self.scenes[scene] {
+                let moment = at.moment.clone();
+                let action = self.policy(&moment)?.map(f64::from);
+                self.apply(scene, action)?;
+            }
+        }
+        Ok(())
+    }
+
     fn rng(&self, decision: u64, purpose: &str) -> Rng {
         Rng::new(self.seed, &decision.to_string(), purpose)
     }
@@ -208,27 +224,35 @@ impl<'a> Training<'a> {
         if decision < self.options.random {
             return Ok(std::array::from_fn(|_| rng.uniform(-1.0, 1.0)));
         }
+        let action = self.policy(moment).with_context(|| format!("decision {}", decision + 1))?;
+        let noise = self.options.exploration_noise;
+        Ok(action.map(|x| (f64::from(x) + noise * rng.normal()).clamp(-1.0, 1.0)))
+    }
+
+    /// The actor's action.
+    fn policy(&mut self, moment: &Moment) -> Result<[f32; ACTION]> {
         let encoded = self.encoder.encode_fixed(&[&moment.rows])?;
         let mut action = [0.0_f32; ACTION];
         self.learner.act(&moment.state(&encoded), &mut self.single, &mut action);
-        if let Some(name) = self.learner.not_finite() {
-            bail!("decision {}: tensor `{name}` holds a number that is not finite", decision + 1);
+        if action.iter().any(|x| !x.is_finite()) {
+            let name = self.learner.not_finite().unwrap_or_else(|| "action".to_owned());
+            bail!("tensor `{name}` holds a number that is not finite");
         }
-        let noise = self.options.exploration_noise;
-        Ok(action.map(|x| (f64::from(x) + noise * rng.normal()).clamp(-1.0, 1.0)))
+        Ok(action)
     }
 
     /// Changes the curve of a scene by an action, lets the driver drive, and remembers it.
     fn apply(&mut self, scene: usize, action: [f64; ACTION]) -> Result<()> {
         let (decision, seat) = (self.decisions(), &self.seats[scene]);
+        self.actions.push(action);
         let at = self.scenes[scene].take().unwrap_or_else(|| InProgress {
             trial: seat.first.clone(),
             moment: seat.moment.clone(),
+            began: decision + 1,
             trials: 1,
             reward: seat.first.judged.reward,
         });
         let trial = seat.scene.trial(at.trial.curve.changed(&action), &seat.driver)?;
-        self.actions.push(action);
         let moment = Moment::of(&trial);
         if self.options.keep_unmet || trial.is_met() {
             let mut goals = self.rng(decision, "hindsight");
@@ -238,9 +262,9 @@ impl<'a> Training<'a> {
         if trial.judged.is_done || trials >= self.options.trials {
             let distance = trial.achieved[0];
             let (is_done, is_hit) = (trial.judged.is_done, trial.is_hit);
-            self.ended.push(Ended { decision: decision + 1, scene, is_done, is_hit, distance, reward });
+            self.ended.push(Ended { began: at.began, scene, is_done, is_hit, distance, reward });
         } else {
-            self.scenes[scene] = Some(InProgress { trial, moment, trials, reward });
+            self.scenes[scene] = Some(InProgress { trial, moment, began: at.began, trials, reward });
         }
         Ok(())
     }
@@ -250,13 +274,13 @@ impl<'a> Training<'a> {
         let [mut draws, mut noise] = ["batch", "smoothing"].map(|purpose| self.rng(decision, purpose));
         let drawn = self.memory.draw(&mut draws, &mut self.batch);
         self.batch.noise.fill_with(|| noise.normal() as f32);
-        let acts = (self.learner.updates() + 1).is_multiple_of(self.learner.options().policy_delay);
-        let encoded = acts.then(|| self.encoder.encode(&drawn.before)).transpose()?;
-        let fixed = if acts { None } else { Some(self.encoder.encode_fixed(&drawn.before)?) };
-        let before = encoded.as_ref().map(|encoded| encoded.hidden()).or(fixed.as_deref()).unwrap_or_default();
-        let after = self.encoder.encode_fixed(&drawn.after)?;
+        // Two threads at most: the bits do not depend on them.
+        let encoder = &self.encoder;
+        let (encoded, after) =
+            rayon::join(|| encoder.encode(&drawn.before), || encoder.encode_fixed(&drawn.after));
+        let (encoded, after) = (encoded?, after?);
         for (to, from) in
-            [(&mut self.batch.observations, before), (&mut self.batch.next_observations, &after[..])]
+            [(&mut self.batch.observations, encoded.hidden()), (&mut self.batch.next_observations, &after[..])]
         {
             for (state, encoded) in to.chunks_exact_mut(STATE).zip(from.chunks_exact(HIDDEN)) {
                 state[..HIDDEN].copy_from_slice(encoded);
@@ -267,8 +291,8 @@ impl<'a> Training<'a> {
             let name = self.learner.not_finite().unwrap_or_else(|| "loss".to_owned());
             bail!("`{name}` is not finite; lower `rate`");
         }
-        if let (Some(encoded), Some(gradient)) = (&encoded, self.learner.input_gradient()) {
-            self.encoder.step(encoded, gradient)?;
+        if let Some(gradient) = self.learner.input_gradient() {
+            self.encoder.step(&encoded, gradient)?;
         }
         let row = decision / ROW + 1;
         if self.losses.last().is_none_or(|last| last.decision != row * ROW) {

@@ -139,3 +139,113 @@ fn parts_that_cannot_be_used_are_refused_by_name() {
         assert!(said.contains("expected"), "{said}");
     }
 }
+
+/// A policy that is trained in seconds.
+const SHORT: &str = r#"{"decisions": 60, "random": 20, "batch": 8, "roles": 1}"#;
+
+fn train_goose(out: &Path, more: &[&str]) -> std::process::Output {
+    let run = ["train-adversary", "goose", "--procedural", "8", "--options", SHORT, "--out", text(out)];
+    sage(&[&run[..], more].concat())
+}
+
+#[test]
+fn a_trained_policy_queries_the_driver_and_plans_the_same_way_twice() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let [one, two] = ["one", "two"].map(path);
+    assert!(train_goose(&one, &["--threads", "2"]).status.success());
+    assert!(train_goose(&two, &["--threads", "1"]).status.success());
+    for name in ["goose.safetensors", "curves.csv", "success.svg"] {
+        assert!(fs::read(one.join(name)).unwrap() == fs::read(two.join(name)).unwrap(), "{name}");
+    }
+    let card = fs::read_to_string(one.join("README.md")).unwrap();
+    assert!(card.contains("goal reached in the last fifth") || card.contains("in the last fifth"), "{card}");
+    let named = policy_weights(folder.path(), &one);
+    let attack = |out: &str, more: &[&str]| {
+        let (scene, out) = (example(), path(out));
+        let run = ["generate", &scene, "--method", "goose", "--weights", text(&named), "--json"];
+        rows(&sage(&[&run[..], &["--out", text(&out)], more].concat())).remove(0)
+    };
+    let recording = attack("recording", &[]);
+    let again = attack("again", &["--threads", "1"]);
+    assert_eq!(recording["trajectory"], again["trajectory"]);
+    assert!(recording["queries"].is_null(), "a recording is not asked");
+    let candidates = |row: &serde_json::Value| row["candidates"].as_array().map(Vec::len);
+    assert_eq!(recording["chosen"].as_u64().map(|k| k as usize + 1), candidates(&recording));
+    // Against a driver each trial is one of its drives.
+    let driver = attack("driver", &["--ego", "idm"]);
+    assert_eq!(driver["queries"].as_u64().map(|k| k as usize), candidates(&driver));
+    let out = path("simulated");
+    let run = ["simulate", &example(), "--ego", "idm", "--method", "goose", "--weights", text(&named)];
+    let drive = rows(&sage(&[&run[..], &["--json", "--out", text(&out)]].concat())).remove(0);
+    assert_eq!(drive["attack"]["queries"], driver["queries"]);
+    assert_eq!(drive["attack"]["trajectory"], driver["trajectory"]);
+    // As published, the encoder may be random: another plan, but the same one each time.
+    let random = r#"{"random_encoder": true}"#;
+    let [a, b] = ["a", "b"].map(|out| attack(out, &["--options", random]));
+    assert_eq!(a["trajectory"], b["trajectory"]);
+}
+
+/// A folder of weights with the policy beside the prior.
+fn policy_weights(folder: &Path, trained: &Path) -> std::path::PathBuf {
+    let weights = folder.join("policy-weights");
+    fs::create_dir(&weights).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
+    for name in ["prior.safetensors", "realistic.safetensors", "adversarial.safetensors", "dial.json"] {
+        fs::copy(shipped.join(name), weights.join(name)).unwrap();
+    }
+    fs::copy(trained.join("goose.safetensors"), weights.join("goose.safetensors")).unwrap();
+    weights
+}
+
+#[test]
+fn policies_and_options_that_cannot_be_used_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    assert!(train_goose(&run, &[]).status.success());
+    let named = policy_weights(folder.path(), &run);
+    let file = named.join("goose.safetensors");
+    let out = folder.path().join("out");
+    let refused = || {
+        failure(&[
+            "generate",
+            &example(),
+            "--method",
+            "goose",
+            "--weights",
+            text(&named),
+            "--out",
+            text(&out),
+        ])
+    };
+    let whole = fs::read(&file).unwrap();
+    fs::write(&file, &whole[..whole.len() - 7]).unwrap();
+    assert!(refused().contains("goose.safetensors`: is no whole file of weights"), "{}", refused());
+    fs::copy(named.join("prior.safetensors"), &file).unwrap();
+    assert!(refused().contains("holds the network `densetnt`, expected `goose`"), "{}", refused());
+    fs::remove_file(&file).unwrap();
+    assert!(
+        refused().contains("copy that of `sage train-adversary goose` beside the prior"),
+        "{}",
+        refused()
+    );
+    for (options, problem) in [
+        (r#"{"decisions": 0}"#, "`decisions` is 0; expected 1 to 200000"),
+        (r#"{"trials": 1}"#, "`trials` is 1; expected 2 to 100"),
+        (r#"{"random": 0}"#, "`random` is 0"),
+        (r#"{"buffer": 3}"#, "`buffer` is 3; expected at least 128"),
+        (r#"{"gamma": 2}"#, "`gamma` is 2; expected a number from 0 to 1"),
+        (r#"{"roles": 99}"#, "`roles` is 99"),
+        (r#"{"networks": {"scaled": true}}"#, "unknown field `scaled`"),
+    ] {
+        let run =
+            ["train-adversary", "goose", "--procedural", "8", "--options", options, "--out", text(&out)];
+        let said = failure(&run);
+        assert!(said.contains(problem), "{said}");
+    }
+    for options in [r#"{"trials": 0}"#, r#"{"file": "../goose.safetensors"}"#] {
+        let run = ["generate", &example(), "--method", "goose", "--options", options, "--out", text(&out)];
+        let said = failure(&run);
+        assert!(said.contains("expected"), "{said}");
+    }
+}

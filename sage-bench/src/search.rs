@@ -118,11 +118,15 @@ impl PlanSources {
         self.built.iter().flat_map(|built| &built.keys).nth(number)
     }
 
-    /// The feasible plans against the unattacked drive of a test. An adversary that reacts is driven once; its path is a plan.
+    /// The feasible plans against the unattacked drive of a test. An adversary that reacts is driven once; its path is a plan. A
+    /// generator that queries the driver plans against the unattacked drive: the search itself drives its plans, and counts them.
     ///
     /// *Errors*: those of the generators and of the driver.
     fn plans(&self, test: &AttackTest, ctx: &Context, rule: &Objective, seed: u64) -> Result<Pool> {
-        let attacks = |built: &BuiltGenerator| built.attacks_in_test(ctx, test, seed);
+        let attacks = |built: &BuiltGenerator| match built.facts.knows.driver {
+            true => Ok(built.attacks(ctx, seed)?),
+            false => built.attacks_in_test(ctx, test, seed),
+        };
         Ok(Pool::new(ctx, rule.rule(), self.sources(ctx, attacks)?, self.most))
     }
 

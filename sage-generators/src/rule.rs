@@ -59,7 +59,12 @@ impl Rule {
 
 impl GeneratorKind for Rule {
     fn facts(&self) -> Facts {
-        Facts::without_operating_point(Knowledge { ego_future: true, others_future: false, own_future: true, ..Knowledge::NOW })
+        Facts::without_operating_point(Knowledge {
+            ego_future: true,
+            others_future: false,
+            own_future: true,
+            ..Knowledge::NOW
+        })
     }
 
     fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {

@@ -45,8 +45,10 @@ impl Default for SealScore {
 }
 
 /// Properties of both: the score uses the ego's path.
-const FACTS: Facts =
-    Facts::of_selection(Knowledge { ego_future: true, others_future: false, own_future: false, ..Knowledge::NOW }, false);
+const FACTS: Facts = Facts::of_selection(
+    Knowledge { ego_future: true, others_future: false, own_future: false, ..Knowledge::NOW },
+    false,
+);
 
 impl Entry<dyn GeneratorKind> for SealScore {
     const NAME: &'static str = "seal-score";

@@ -275,8 +275,7 @@ pub(crate) fn of_state(scene: &SceneData, state: &str) -> Result<Attack> {
     let candidates = candidates
         .map(|CandidateState(trajectory, log_prob, goal, nll)| Proposal { trajectory, log_prob, goal, nll })
         .collect();
-    let attack =
-        Attack { queries: state.queries, ..Attack::of(candidates, state.chosen, state.note) };
+    let attack = Attack { queries: state.queries, ..Attack::of(candidates, state.chosen, state.note) };
     attack.check(&scene.scene)?;
     Ok(attack)
 }

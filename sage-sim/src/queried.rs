@@ -32,8 +32,7 @@ impl DriverUnderTest for QueriedDriver<'_, '_> {
         let adversary = scene.adversary_index()?;
         let episode = self.test.attack_from(self.until_now.as_ref(), plan, true).map_err(fail)?.episode;
         let pose = |motion: &Motion| Some(Pose { position: motion.position, heading: motion.heading });
-        let hits_adversary =
-            episode.first_contacts().any(|contact| contact.contact.other.track == adversary);
+        let hits_adversary = episode.first_contacts().any(|contact| contact.contact.other.track == adversary);
         Ok(DrivenEgo { poses: episode.drive.motions.iter().map(pose).collect(), hits_adversary })
     }
 }

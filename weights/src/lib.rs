@@ -9,7 +9,9 @@ pub const PROCEDURAL: &[(&str, &[u8])] = &[
     ("realistic.safetensors", include_bytes!("../procedural/realistic.safetensors")),
     ("adversarial.safetensors", include_bytes!("../procedural/adversarial.safetensors")),
     ("lawful.safetensors", include_bytes!("../procedural/lawful.safetensors")),
-    #[cfg(feature = "seal")]
+    #[cfg(feature = "adversaries")]
     ("seal.safetensors", include_bytes!("../procedural/seal.safetensors")),
+    #[cfg(feature = "adversaries")]
+    ("goose.safetensors", include_bytes!("../procedural/goose.safetensors")),
     ("dial.json", include_bytes!("../procedural/dial.json")),
 ];

@@ -12,9 +12,7 @@ use sage_backbones::{
     Backbone, MotionModel,
     features::EdgeKinds,
     parameters::Header,
-    training::{
-        CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune,
-    },
+    training::{CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune},
     weights::PRIOR_FILE,
 };
 use sage_bench::{table::Table, weights::NamedNetwork};

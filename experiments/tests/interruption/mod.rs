@@ -17,7 +17,7 @@ use sage_core::seed::Rng;
 use serde_json::Value;
 
 /// Commands that leave files behind.
-pub const COMMANDS: [&str; 14] = [
+pub const COMMANDS: [&str; 15] = [
     "pretrain",
     "finetune",
     "generate",
@@ -32,6 +32,7 @@ pub const COMMANDS: [&str; 14] = [
     "calibrate",
     "train-ego",
     "train-seal",
+    "train-goose",
 ];
 
 /// Studies that share the runner of those above: a slow set, on request.
@@ -113,6 +114,11 @@ impl Case {
                 let small = r#"{"hidden": 8, "criticality": {"epochs": 3}, "skills": {"epochs": 2}, "prior": {"epochs": 4}}"#;
                 let size = ["--procedural", "8", "--dev", "scenes"];
                 (&[&["train-adversary", "seal", "--options", small][..], &size].concat(), false)
+            }
+            "train-goose" => {
+                let small = r#"{"decisions": 1100, "random": 20, "batch": 8, "roles": 1}"#;
+                let size = ["--procedural", "8", "--dev", "scenes"];
+                (&[&["train-adversary", "goose", "--options", small][..], &size].concat(), false)
             }
             "ablation" => {
                 (&["bench", "ablation", "scenes", "--weights", "procedural", "--mix", "adversarial=1"], false)

@@ -138,13 +138,14 @@ mod tests {
     #[test]
     fn the_others_are_the_nearest_to_the_ego() {
         let scene = generate(Kind::FourWay, 1, 0).unwrap();
-        let view =
-            View { scene: &scene, origin: Pose::new(0.0, 0.0, 0.0), first_frame: 0, is_scaled: false };
+        let view = View { scene: &scene, origin: Pose::new(0.0, 0.0, 0.0), first_frame: 0, is_scaled: false };
         let ego = scene.ego().point(20);
         let nearest = view.nearest(Some(ego), 20);
         let distances: Vec<f64> = nearest.iter().map(|track| distance(track.point(20), ego)).collect();
         assert!(distances.is_sorted() && distances.len() <= 3);
-        let is_role = |track: &&Track| track.id == scene.ego().id || track.id == scene.tracks[scene.adversary.unwrap()].id;
-        assert!(!nearest.iter().any(|track| is_role(track)));
+        let is_role = |track: &&Track| {
+            track.id == scene.ego().id || track.id == scene.tracks[scene.adversary.unwrap()].id
+        };
+        assert!(!nearest.iter().any(is_role));
     }
 }

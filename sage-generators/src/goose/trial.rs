@@ -93,7 +93,7 @@ impl<'c> TrialScene<'c> {
         };
         let gap = |frame: usize| Some(distance(adversary(frame)?.position, ego_at(frame)?.position));
         let least = (NOW + 1..=last).filter_map(gap).min_by(f64::total_cmp).unwrap_or(NEVER_MET);
-        let [acceleration, yaw_rate] = kinematics(&plan, candidate.start());
+        let [acceleration, yaw_rate] = kinematics(&plan, &self.start(&curve, candidate.start()));
         let achieved = [least, acceleration, yaw_rate];
         Ok(Trial {
             rows: view.rows(&adversary, &ego_at, last),
@@ -104,6 +104,15 @@ impl<'c> TrialScene<'c> {
             plan,
             achieved,
         })
+    }
+
+    /// Where a curve is *now*. A curve that begins earlier is elsewhere than the recording.
+    fn start(&self, curve: &Curve, now: &Pose) -> Pose {
+        if self.first_frame == NOW {
+            return *now;
+        }
+        let share = (NOW - self.first_frame) as f64 / (NOW + HORIZON - self.first_frame) as f64;
+        Pose { position: to_world(&self.origin, curve.at(share)), ..*now }
     }
 
     /// Positions of a curve at equal steps of its parameter: speed follows from the weights.
@@ -144,8 +153,7 @@ impl DriverUnderTest for RepeatedEgo<'_> {
         let ctx = self.0;
         let candidate = ctx.candidate(plan.clone());
         let ego = ctx.ego();
-        let mut poses: Vec<Option<Pose>> =
-            (0..=NOW).map(|frame| pose_of(ctx.scene().ego(), frame)).collect();
+        let mut poses: Vec<Option<Pose>> = (0..=NOW).map(|frame| pose_of(ctx.scene().ego(), frame)).collect();
         for (own, other) in candidate.boxes().iter().zip(ego.boxes()) {
             poses.push(other.map(|area| {
                 let [x, y] = area.axis;

@@ -22,8 +22,10 @@ pub struct Best(Arc<Objective>);
 
 impl Best {
     /// Properties of a generator that selects so among the prior's proposals.
-    pub const FACTS: Facts =
-        Facts::of_selection(Knowledge { ego_future: true, others_future: true, own_future: false, ..Knowledge::NOW }, true);
+    pub const FACTS: Facts = Facts::of_selection(
+        Knowledge { ego_future: true, others_future: true, own_future: false, ..Knowledge::NOW },
+        true,
+    );
 
     /// A selector by an objective.
     pub fn new(objective: Arc<Objective>) -> Self {

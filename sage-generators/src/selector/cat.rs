@@ -31,8 +31,10 @@ pub struct CatSelector;
 
 impl CatSelector {
     /// Properties of a generator that selects so among the prior's proposals.
-    pub const FACTS: Facts =
-        Facts::of_selection(Knowledge { ego_future: true, others_future: false, own_future: false, ..Knowledge::NOW }, false);
+    pub const FACTS: Facts = Facts::of_selection(
+        Knowledge { ego_future: true, others_future: false, own_future: false, ..Knowledge::NOW },
+        false,
+    );
 }
 
 impl Selector for CatSelector {

@@ -10,7 +10,7 @@ mod training;
 
 use std::{collections::HashSet, time::Instant};
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Result, ensure};
 use candle_core::{Device, Tensor};
 use rayon::prelude::*;
 use sage_backbones::{
@@ -64,11 +64,16 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     if state == RunState::Done {
         return Ok(Outcome::Done);
     }
+    let given = train.len();
     let train = scenes::with_other_roles(train, options.roles);
-    let tests = tests(&training, &train, &ego, args.seed);
+    let tests = tests(&training, &train, given, &ego, args.seed);
     let seats = seats(&training, &tests, &options);
     ensure!(!seats.is_empty(), "the driver meets the adversary in none of {}", count(train.len(), "scene"));
-    progress::say(&format!("{} to learn in ({:.0} s)", count(seats.len(), "scene"), clock.elapsed().as_secs_f64()));
+    progress::say(&format!(
+        "{} to learn in ({:.0} s)",
+        count(seats.len(), "scene"),
+        clock.elapsed().as_secs_f64()
+    ));
     let mut learning = Training::new(&options, &seats, args.seed)?;
     let path = run.folder().path().join(STATE);
     state::resume(&mut learning, &identity, &path)?;
@@ -111,8 +116,15 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     Ok(scenes::outcome_without(training.failed() + validation.failed()))
 }
 
-/// The driver in each scene that it can drive, with its drive without an attack, and the scene as it is attacked.
-fn tests<'e>(list: &Scenes, train: &[SceneData], ego: &'e Ego, seed: u64) -> Vec<(AttackTest<'e>, Context)> {
+/// The driver in each scene that it can drive, with its drive without an attack, and the scene as it is attacked. Only the first
+/// scenes, those that are given, are reported if it cannot: among other roles are egos that are absent at the start.
+fn tests<'e>(
+    list: &Scenes,
+    train: &[SceneData],
+    given: usize,
+    ego: &'e Ego,
+    seed: u64,
+) -> Vec<(AttackTest<'e>, Context)> {
     let one = |data: &SceneData| -> Result<_> {
         let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
         let test = AttackTest::new(&*ego.policy, &scene, seed)?;
@@ -121,10 +133,15 @@ fn tests<'e>(list: &Scenes, train: &[SceneData], ego: &'e Ego, seed: u64) -> Vec
         Ok((test, ctx))
     };
     let all: Vec<Result<_>> = train.par_iter().with_max_len(1).map(one).collect();
-    let kept = all.into_iter().zip(train).filter_map(|(found, data)| {
-        found.with_context(|| format!("`{}`", data.name)).map_err(|error| list.fail(&data.name, &error)).ok()
-    });
-    kept.collect()
+    let mut kept = Vec::new();
+    for (number, (found, data)) in all.into_iter().zip(train).enumerate() {
+        match found {
+            Ok(found) => kept.push(found),
+            Err(error) if number < given => list.fail(&data.name, &error),
+            Err(_) => {}
+        }
+    }
+    kept
 }
 
 /// The scenes in which something can be learnt.
@@ -134,9 +151,7 @@ fn seats<'a>(
     options: &TrainingOptions,
 ) -> Vec<Seat<'a>> {
     let one = |(test, ctx): &'a (AttackTest<'a>, Context)| {
-        let id = &test.scene().id;
-        let seat = Seat::new(test, ctx, options).with_context(|| format!("`{id}`"));
-        seat.map_err(|error| list.fail(id, &error)).ok()
+        Seat::new(test, ctx, options).map_err(|error| list.fail(&test.scene().id, &error)).ok()
     };
     tests.iter().filter_map(one).filter(|seat| seat.is_useful(options)).collect()
 }

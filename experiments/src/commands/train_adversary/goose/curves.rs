@@ -15,9 +15,8 @@ use crate::output::Folder;
 pub(super) const TABLE: &str = "curves.csv";
 /// File of the picture.
 pub(super) const PICTURE: &str = "success.svg";
-const HEADS: [&str; 8] = [
-    "decision", "scenes", "goal_reached", "contact", "distance", "reward", "critic_loss", "mean_abs_q",
-];
+const HEADS: [&str; 8] =
+    ["decision", "scenes", "goal_reached", "contact", "distance", "reward", "critic_loss", "mean_abs_q"];
 /// Parts of a training that are compared: the last with the first.
 const FIFTHS: u64 = 5;
 
@@ -48,7 +47,8 @@ pub(super) fn write(ended: &[Ended], losses: &[Losses], folder: &Folder) -> Resu
     for part in parts(ended, losses) {
         let count = part.ended.len();
         let mean = |of: &dyn Fn(&Ended) -> f64| part.ended.iter().map(of).sum::<f64>() / count as f64;
-        let shares = [mean(&|one| f64::from(u8::from(one.is_done))), mean(&|one| f64::from(u8::from(one.is_hit)))];
+        let shares =
+            [mean(&|one| f64::from(u8::from(one.is_done))), mean(&|one| f64::from(u8::from(one.is_hit)))];
         let Losses { critic, mean_abs_q, .. } = part.losses;
         let cells = [
             count as f64,
@@ -59,7 +59,10 @@ pub(super) fn write(ended: &[Ended], losses: &[Losses], folder: &Folder) -> Resu
             critic,
             mean_abs_q,
         ];
-        table.row(part.decision.to_string(), cells.map(|x| if x.is_finite() { x.to_string() } else { String::new() }));
+        table.row(
+            part.decision.to_string(),
+            cells.map(|x| if x.is_finite() { x.to_string() } else { String::new() }),
+        );
         if count > 0 {
             for (line, share) in [&mut goal, &mut contact].into_iter().zip(shares) {
                 line.push([part.decision as f64, 100.0 * share]);

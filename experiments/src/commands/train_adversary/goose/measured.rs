@@ -1,11 +1,11 @@
 //! What the policy is worth, on scenes that it was not trained on.
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use rayon::prelude::*;
 use sage_backbones::goose::{ACTION, GooseWeights};
 use sage_bench::estimate;
 use sage_core::{scene::SceneData, seed::Rng, statistics::Estimate};
-use sage_generators::goose::{DESIRED, TrialScene, Trial, tried};
+use sage_generators::goose::{DESIRED, Trial, TrialScene, tried};
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
@@ -57,9 +57,7 @@ pub(super) fn measure(
     seed: u64,
 ) -> Measured {
     let against = |driver: &dyn EgoPolicy, name: &str| {
-        let one = |data: &SceneData| {
-            in_scene(data, weights, driver, options, seed).with_context(|| format!("`{}`", data.name))
-        };
+        let one = |data: &SceneData| in_scene(data, weights, driver, options, seed);
         let all: Vec<Result<InScene>> = dev.par_iter().with_max_len(1).map(one).collect();
         let mut scenes = Vec::new();
         for (found, data) in all.into_iter().zip(dev) {
@@ -73,10 +71,7 @@ pub(super) fn measure(
     if dev.is_empty() {
         return Measured::default();
     }
-    Measured {
-        driver: Some(against(policy, "driver")),
-        recording: Some(against(&Replay, "recording")),
-    }
+    Measured { driver: Some(against(policy, "driver")), recording: Some(against(&Replay, "recording")) }
 }
 
 fn outcomes(scenes: &[InScene], name: &str) -> Outcomes {

@@ -5,8 +5,8 @@ use std::{collections::VecDeque, sync::Arc};
 use sage_backbones::goose::{ACTION, Features, HIDDEN, REST, STATE};
 use sage_core::seed::Rng;
 use sage_generators::goose::{
-    DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Judged, Trial, judge_in_hindsight, mirrored_action, mirrored_rest,
-    mirrored_rows,
+    DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Judged, Trial, judge_in_hindsight, mirrored_action,
+    mirrored_rest, mirrored_rows,
 };
 use sage_sim::rl::TransitionBatch;
 

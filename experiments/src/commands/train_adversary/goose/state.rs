@@ -4,11 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use anyhow::{Context as _, Result, ensure};
 use candle_core::{Device, Tensor};
-use sage_backbones::{
-    Parameters,
-    goose::ACTION,
-    parameters::Header,
-};
+use sage_backbones::{Parameters, goose::ACTION, parameters::Header};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

@@ -35,11 +35,7 @@ impl<'a> Seat<'a> {
     /// Tries the first curve of a scene.
     ///
     /// *Errors*: those of the driver.
-    pub(super) fn new(
-        test: &'a AttackTest<'a>,
-        ctx: &'a Context,
-        options: &TrainingOptions,
-    ) -> Result<Self> {
+    pub(super) fn new(test: &'a AttackTest<'a>, ctx: &'a Context, options: &TrainingOptions) -> Result<Self> {
         let scene = TrialScene::new(ctx, &options.networks)?;
         let driver = QueriedDriver::new(test);
         let first = scene.trial(scene.first_curve().clone(), &driver)?;
@@ -170,8 +166,7 @@ impl<'a> Training<'a> {
     pub(super) fn decide(&mut self) -> Result<()> {
         let decision = self.decisions();
         let scene = self.scene_of(decision);
-        let moment =
-            self.scenes[scene].as_ref().map_or(&self.seats[scene].moment, |at| &at.moment).clone();
+        let moment = self.scenes[scene].as_ref().map_or(&self.seats[scene].moment, |at| &at.moment).clone();
         let action = self.action(decision, &moment)?;
         self.apply(scene, action)?;
         if decision >= self.options.random && !self.memory.is_empty() {
@@ -279,9 +274,10 @@ impl<'a> Training<'a> {
         let (encoded, after) =
             rayon::join(|| encoder.encode(&drawn.before), || encoder.encode_fixed(&drawn.after));
         let (encoded, after) = (encoded?, after?);
-        for (to, from) in
-            [(&mut self.batch.observations, encoded.hidden()), (&mut self.batch.next_observations, &after[..])]
-        {
+        for (to, from) in [
+            (&mut self.batch.observations, encoded.hidden()),
+            (&mut self.batch.next_observations, &after[..]),
+        ] {
             for (state, encoded) in to.chunks_exact_mut(STATE).zip(from.chunks_exact(HIDDEN)) {
                 state[..HIDDEN].copy_from_slice(encoded);
             }

@@ -95,7 +95,8 @@ pub(crate) enum Command {
     /// Train the learned parts of an adversary.
     #[command(
         subcommand,
-        after_help = "Example:\n  sage train-adversary seal --procedural 200 --out procedural-seal/"
+        after_help = "Example:\n  sage train-adversary seal --procedural 200 --out procedural-seal/
+  sage train-adversary goose --procedural 200 --out procedural-goose/"
     )]
     TrainAdversary(TrainAdversaryCommand),
     /// Analyse a set of experts.

@@ -67,6 +67,8 @@ pub struct AttackOfDrive<'a> {
     pub trajectory: &'a Trajectory,
     /// Whether the driver falls for it.
     pub verdict: Verdict,
+    /// Drives of the driver that the generator asked for.
+    pub queries: usize,
 }
 
 impl DriveResult<'_> {
@@ -74,8 +76,8 @@ impl DriveResult<'_> {
     fn parts(&self) -> Result<(DriveRow, Option<usize>)> {
         let attack = self.attack.map(|attack| -> Result<_> {
             let avoidance = Avoidance::new(attack.ctx, AvoidanceOptions::default())?;
-            let planned =
-                PlannedAttack::of(attack.ctx, &avoidance, AttackPath::of(attack.trajectory.clone()));
+            let path = AttackPath::of(attack.trajectory.clone());
+            let planned = PlannedAttack::of(attack.ctx, &avoidance, path).after(attack.queries);
             let contact = planned.contact;
             Ok((planned.row(attack.verdict, attack.before), contact))
         });

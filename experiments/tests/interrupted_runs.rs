@@ -78,8 +78,9 @@ fn a_killed_closed_loop_goes_on_to_the_same_files() {
 }
 
 #[test]
-fn a_killed_training_of_an_adversary_goes_on_to_the_same_files() {
+fn killed_trainings_of_adversaries_go_on_to_the_same_files() {
     killed("train-seal");
+    killed("train-goose");
 }
 
 #[test]

@@ -136,6 +136,14 @@ impl BuiltGenerator {
         against_recording(self.generator.attacks(ctx, &self.points, seed)?, ctx, seed)
     }
 
+    /// Attacks at all operating points against the ego's path alone: no driver is asked. An adversary that reacts does so when it
+    /// is driven.
+    ///
+    /// *Errors*: as [`BuiltGenerator::attacks`].
+    pub fn planned(&self, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
+        self.generator.attacks(ctx, &self.points, seed)
+    }
+
     /// Attacks at all operating points on a driver, which a generator may query. An adversary that reacts does so when it is
     /// driven.
     ///
@@ -148,7 +156,7 @@ impl BuiltGenerator {
     ) -> Result<Vec<Attack>, Error> {
         // A recording does the same against every plan.
         if !self.facts.knows.driver || test.is_recording() {
-            return self.generator.attacks(ctx, &self.points, seed);
+            return self.planned(ctx, seed);
         }
         self.generator.attacks_on(ctx, &QueriedDriver::new(test), &self.points, seed)
     }
@@ -157,12 +165,14 @@ impl BuiltGenerator {
     ///
     /// *Errors*: as [`BuiltGenerator::attacks`], and those of the driver.
     pub fn attacks_in_test(&self, ctx: &Context, test: &AttackTest, seed: u64) -> Result<Vec<Attack>> {
-        let driven = |attack: Attack| {
-            attack.check(ctx.scene())?;
-            let path = test.path_of(&attack)?.trajectory;
-            Ok(attack.driven(path, "the driver under test"))
-        };
-        self.attacks_on_driver(ctx, test, seed)?.into_iter().map(driven).collect()
+        driven_in_test(self.attacks_on_driver(ctx, test, seed)?, ctx, test)
+    }
+
+    /// The same without asking the driver for what it does against other plans.
+    ///
+    /// *Errors*: as [`BuiltGenerator::attacks_in_test`].
+    pub fn planned_in_test(&self, ctx: &Context, test: &AttackTest, seed: u64) -> Result<Vec<Attack>> {
+        driven_in_test(self.planned(ctx, seed)?, ctx, test)
     }
 
     /// The attack at one of the operating points, by its number.
@@ -223,6 +233,16 @@ impl Attacker for BuiltGenerator {
     }
 }
 
+/// Attacks whose adversaries react get the path that they drive against the driver of a test.
+fn driven_in_test(attacks: Vec<Attack>, ctx: &Context, test: &AttackTest) -> Result<Vec<Attack>> {
+    let driven = |attack: Attack| {
+        attack.check(ctx.scene())?;
+        let path = test.path_of(&attack)?.trajectory;
+        Ok(attack.driven(path, "the driver under test"))
+    };
+    attacks.into_iter().map(driven).collect()
+}
+
 /// Attacks whose adversaries react get the path that they drive against the ego's recording.
 ///
 /// *Errors*: an attack that is not one on this scene; those of the simulation.
@@ -230,11 +250,7 @@ fn against_recording(attacks: Vec<Attack>, ctx: &Context, seed: u64) -> Result<V
     if attacks.iter().all(|attack| attack.reaction.is_none()) {
         return Ok(attacks);
     }
-    let id = &ctx.scene().id;
-    let in_scene = |error: sage_sim::Error| match error {
-        sage_sim::Error::Core(error) => error,
-        other => Error::Scene { scene: id.clone(), problem: other.to_string() },
-    };
+    let in_scene = |error: sage_sim::Error| error.in_scene(ctx.scene());
     let scene = SimScene::new(ctx.scene().clone(), ctx.index().clone()).map_err(in_scene)?;
     let driven = |attack: Attack| {
         attack.check(ctx.scene())?;

@@ -123,10 +123,7 @@ impl PlanSources {
     ///
     /// *Errors*: those of the generators and of the driver.
     fn plans(&self, test: &AttackTest, ctx: &Context, rule: &Objective, seed: u64) -> Result<Pool> {
-        let attacks = |built: &BuiltGenerator| match built.facts.knows.driver {
-            true => Ok(built.attacks(ctx, seed)?),
-            false => built.attacks_in_test(ctx, test, seed),
-        };
+        let attacks = |built: &BuiltGenerator| built.planned_in_test(ctx, test, seed);
         Ok(Pool::new(ctx, rule.rule(), self.sources(ctx, attacks)?, self.most))
     }
 

@@ -70,6 +70,33 @@ fn a_repeated_ego_does_what_the_simulation_of_a_recording_does() {
     assert!(trials > 40 && hits > 3, "{trials} trials, {hits} hits");
 }
 
+#[test]
+fn the_curve_of_a_short_recording_ends_with_it() {
+    let mut short = generate(Kind::FourWay, 1, 0).unwrap();
+    const FRAMES: usize = 31;
+    short.frames = FRAMES;
+    short.timestamps.truncate(FRAMES);
+    for track in &mut short.tracks {
+        track.position.truncate(FRAMES);
+        track.heading.truncate(FRAMES);
+        track.velocity.truncate(FRAMES);
+        track.size.truncate(FRAMES);
+        track.valid.truncate(FRAMES);
+    }
+    short.lights.iter_mut().for_each(|light| light.states.truncate(FRAMES));
+    let short = Arc::new(short);
+    let scene = SimScene::new(short.clone(), SceneIndex::new(short.map.clone())).unwrap();
+    let ctx = Context::new(scene.scene(), scene.index(), &ContextOptions::default()).unwrap();
+    let trial_scene = TrialScene::new(&ctx, &GooseOptions::default()).unwrap();
+    let trial = trial_scene.trial(trial_scene.first_curve().clone(), &RepeatedEgo(&ctx)).unwrap();
+    let end = ctx.adversary().point(FRAMES - 1);
+    assert!(distance(trial.plan.points()[FRAMES - 2 - NOW], end) < 1e-9);
+    // It stays there, and its stop beyond the recording is no acceleration.
+    assert!(distance(trial.plan.points()[79], end) < 1e-9);
+    assert!(trial.achieved[1] < 20.0, "{:?}", trial.achieved);
+    assert_eq!(trial.rows.len(), 5);
+}
+
 /// Counts the drives of a driver.
 struct Counted<'d>(&'d dyn DriverUnderTest, Cell<usize>);
 

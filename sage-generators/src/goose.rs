@@ -95,20 +95,23 @@ struct Policy {
 
 impl Policy {
     fn attack(&self, ctx: &Context, driver: &dyn DriverUnderTest) -> Result<Attack, Error> {
-        let act = |trial: &Trial| {
-            let action = self.weights.action(&trial.rows, &trial.rest(&DESIRED));
-            action.map_err(|error| Error::Scene {
-                scene: ctx.scene().id.clone(),
-                problem: format!("policy of the adversary: {error}"),
-            })
-        };
         let scene = TrialScene::new(ctx, self.weights.options())?;
-        let trials = tried(&scene, driver, self.trials, act)?;
+        let trials = tried(&scene, driver, self.trials, |trial| action(&self.weights, ctx, trial))?;
         let last = trials.len() - 1;
         let queries = trials.len();
         let candidates = trials.into_iter().map(|trial| Proposal::of(trial.plan)).collect();
         Ok(Attack { queries, ..Attack::of(candidates, last, None) })
     }
+}
+
+/// The action of a policy after a trial.
+///
+/// *Errors*: [`Error::Scene`] if a number is not finite.
+pub fn action(weights: &GooseWeights, ctx: &Context, trial: &Trial) -> Result<[f64; ACTION], Error> {
+    weights.action(&trial.rows, &trial.rest(&DESIRED)).map_err(|error| Error::Scene {
+        scene: ctx.scene().id.clone(),
+        problem: format!("policy of the adversary: {error}"),
+    })
 }
 
 /// The trials of a policy: at most `most`, at least one; they end when the goal is reached.

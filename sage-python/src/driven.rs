@@ -73,6 +73,8 @@ pub(crate) struct Attacked {
     pub(crate) before: Drive,
     pub(crate) plan: Trajectory,
     pub(crate) verdict: Verdict,
+    /// Drives of the driver that the generator asked for.
+    pub(crate) queries: usize,
 }
 
 impl Driven {
@@ -90,8 +92,13 @@ impl Driven {
         let test = AttackTest::new(&*driver.policy, &simulated, seed)?;
         let ctx = test.context()?;
         ctx.check_apart_now()?;
+        let mut queries = 0;
         let path = match attacker {
-            Attacker::Generator(built) => test.path_of(&built.attack_on_driver(&ctx, &test, seed)?)?,
+            Attacker::Generator(built) => {
+                let attack = built.attack_on_driver(&ctx, &test, seed)?;
+                queries = attack.queries;
+                test.path_of(&attack)?
+            }
             Attacker::Plan(plan, made_for) => {
                 check_plan(&ctx, plan, made_for.as_deref())?;
                 AttackPath::of(plan.clone())
@@ -102,7 +109,7 @@ impl Driven {
         let is_feasible = Scorer::new(&ctx).scores(&ctx.candidate(plan.clone())).feasible;
         let outcome = test.attack_along(path, is_feasible)?;
         let (episode, verdict) = (outcome.episode, outcome.verdict);
-        let attacked = Some(Attacked { ctx, before: test.unattacked().clone(), plan, verdict });
+        let attacked = Some(Attacked { ctx, before: test.unattacked().clone(), plan, verdict, queries });
         Ok(Self { episode, attacked })
     }
 }

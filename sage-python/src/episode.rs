@@ -76,6 +76,7 @@ impl PyEpisode {
             before: &attacked.before,
             trajectory: &attacked.plan,
             verdict: attacked.verdict,
+            queries: attacked.queries,
         });
         DriveResult {
             scene: &data.scene,

@@ -82,6 +82,14 @@ fn in_time(step: usize) -> String {
 }
 
 impl Error {
+    /// The error as one of a scene in `sage-core`, for those that only know scenes.
+    pub fn in_scene(self, scene: &sage_core::scene::Scene) -> sage_core::Error {
+        match self {
+            Self::Core(error) => error,
+            other => sage_core::Error::Scene { scene: scene.id.clone(), problem: other.to_string() },
+        }
+    }
+
     /// The error with the drive that it ended; only that of a planner holds one.
     #[must_use]
     pub(crate) fn with_drive(mut self, ended: Drive) -> Self {

@@ -3,7 +3,7 @@
 use sage_core::{
     Error,
     generator::{DrivenEgo, DriverUnderTest},
-    motion::{Pose, Trajectory},
+    motion::{NOW, Pose, Trajectory},
 };
 
 use crate::{attack_test::AttackTest, episode::Progress, vehicle::Motion};
@@ -25,14 +25,14 @@ impl<'t, 'p> QueriedDriver<'t, 'p> {
 impl DriverUnderTest for QueriedDriver<'_, '_> {
     fn drive(&self, plan: &Trajectory) -> Result<DrivenEgo, Error> {
         let scene = self.test.scene();
-        let fail = |error: crate::Error| match error {
-            crate::Error::Core(error) => error,
-            other => Error::Scene { scene: scene.id.clone(), problem: other.to_string() },
-        };
         let adversary = scene.adversary_index()?;
-        let episode = self.test.attack_from(self.until_now.as_ref(), plan, true).map_err(fail)?.episode;
+        let outcome = self.test.attack_from(self.until_now.as_ref(), plan, true);
+        let episode = outcome.map_err(|error| error.in_scene(scene))?.episode;
         let pose = |motion: &Motion| Some(Pose { position: motion.position, heading: motion.heading });
-        let hits_adversary = episode.first_contacts().any(|contact| contact.contact.other.track == adversary);
+        // Until now all plans are the recording: a contact there is none of a plan.
+        let hits_adversary = episode
+            .first_contacts()
+            .any(|contact| contact.contact.step > NOW && contact.contact.other.track == adversary);
         Ok(DrivenEgo { poses: episode.drive.motions.iter().map(pose).collect(), hits_adversary })
     }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::{
-    FolderArgs, MOST_PROCEDURAL, SplitArgs,
+    FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
     help::{DRIVER, OUTPUT, RUN, SCENE, TRAINING},
 };
 use crate::part::PolicyPart;
@@ -63,9 +63,9 @@ pub(crate) struct TrainSealArgs {
 /// Train the policy of the generator `goose` against a driver.
 ///
 /// The policy moves the control points of the adversary's path, the driver drives against it, and the policy learns from what
-/// happened (TD3 with goals in hindsight): a drive and an update a decision. The folder gets `goose.safetensors` (copy it beside the
+/// happened (TD3 with goals in hindsight). Each decision costs one drive and one update. The folder gets `goose.safetensors` (copy it beside the
 /// prior, then --weights finds it), curves, `README.md` with what was measured, and `run.json`. The same command resumes an
-/// interrupted run with bit-identical results; it drives its drives again, without learning.
+/// interrupted run with bit-identical results; it first repeats its drives.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -89,7 +89,9 @@ pub(crate) struct TrainGooseArgs {
     /// Driver that it attacks, by its name in `sage list`.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY", default_value = "idm-release")]
     pub ego: PolicyPart,
-    /// Options of training as JSON, such as '{"decisions": 24000, "networks": {"unscaled": true}}'.
+    #[command(flatten)]
+    pub planner: PlannerArgs,
+    /// Options of training as JSON (docs/method.md, section 'GOOSE'), such as '{"decisions": 24000, "networks": {"unscaled": true}}'.
     #[arg(long, help_heading = TRAINING, value_name = "JSON", default_value = "{}")]
     pub options: String,
     /// Seed of drives, exploration, training order and procedural scenes.

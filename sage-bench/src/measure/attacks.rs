@@ -43,6 +43,8 @@ pub const RECORDING: &str = "recording";
 /// What all attacks on one ego share that are measured with one prior.
 struct Prepared<'a> {
     ctx: Arc<Context>,
+    /// Whether a generator may query the driver: not where attacks are planned against the log.
+    may_query: bool,
     /// `None` if trajectories are not measured.
     measured: Option<MeasuredScene<'a>>,
     avoidance: Option<Avoidance>,
@@ -235,11 +237,12 @@ impl Attacks {
                 let end =
                     key + group.built.iter().map(|built| self.keys_of(built, ego.is_some())).sum::<usize>();
                 if attacks {
+                    let may_query = !matches!(path, Some(PlannedAgainst::Log));
                     let data = match (&test, path) {
                         (Some((_, recorded)), Some(PlannedAgainst::Drive)) => recorded,
                         _ => data,
                     };
-                    let prepared = prepared.get(group, |prior| self.prepare(data, prior));
+                    let prepared = prepared.get(group, |prior| self.prepare(data, prior, may_query));
                     self.of_group(prepared, group, test.as_ref().map(|(test, _)| test), key, result);
                 }
                 key = end;
@@ -260,7 +263,7 @@ impl Attacks {
             + self.paths(ego).count() * built.map(|built| self.keys_of(built, ego.is_some())).sum::<usize>()
     }
 
-    fn prepare(&self, data: &SceneData, prior: &dyn Backbone) -> Result<Prepared<'_>> {
+    fn prepare(&self, data: &SceneData, prior: &dyn Backbone, may_query: bool) -> Result<Prepared<'_>> {
         data.scene.check_apart_now()?;
         let ctx = Arc::new(Context::new(&data.scene, &data.index, &ContextOptions::default())?);
         let of_plan = |metric: &Metric<PlanAndDrive>| metric.info.name.starts_with(OF_PLAN);
@@ -271,7 +274,8 @@ impl Attacks {
         let avoidance = is_searched.then(|| Avoidance::new(&ctx, self.search));
         let is_sampled = is_measured && self.searches[0];
         let samples = is_sampled.then(|| EgoSamples::of(data, &ctx, prior)).transpose()?;
-        Ok(Prepared { measured: measured.transpose()?, avoidance: avoidance.transpose()?, samples, ctx })
+        let (measured, avoidance) = (measured.transpose()?, avoidance.transpose()?);
+        Ok(Prepared { ctx, may_query, measured, avoidance, samples })
     }
 
     fn of_group(
@@ -310,10 +314,11 @@ impl Attacks {
         test: Option<&AttackTest>,
         first: usize,
     ) -> Result<Vec<Cell>> {
-        let Prepared { ctx, measured, avoidance, samples } = prepared;
+        let Prepared { ctx, may_query, measured, avoidance, samples } = prepared;
         let clock = Instant::now();
         let attacks = match test {
-            Some(test) => built.attacks_on_driver(ctx, test, self.seed)?,
+            Some(test) if *may_query => built.attacks_on_driver(ctx, test, self.seed)?,
+            Some(_) => built.planned(ctx, self.seed)?,
             None => built.attacks(ctx, self.seed)?,
         };
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;

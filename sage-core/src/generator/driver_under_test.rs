@@ -21,6 +21,6 @@ pub trait DriverUnderTest {
 pub struct DrivenEgo {
     /// Poses from frame 0 on, at most 91; `None` where the ego is absent.
     pub poses: Vec<Option<Pose>>,
-    /// Whether the drive ends with a contact with the adversary.
+    /// Whether the drive ends with a contact with the adversary after *now*.
     pub hits_adversary: bool,
 }

@@ -1,9 +1,12 @@
 //! Goals of GOOSE: what a plan achieves, and its reward.
 
-use sage_core::motion::{Pose, Trajectory, kinematics::paper};
+use sage_core::{
+    geometry::Point,
+    motion::{Pose, kinematics::paper},
+};
 
 /// Least distance of the centres of ego and adversary (m), largest acceleration (m/s²) and yaw rate (rad/s) of the
-/// adversary; as a desired goal, what they should stay below.
+/// adversary's whole plan, from its second step on; as a desired goal, what they should stay below.
 pub type Goal = [f64; 3];
 
 /// The goal of attacks.
@@ -64,8 +67,8 @@ fn judged(achieved: &Goal, desired: &Goal, is_done: bool, slack: f64) -> Judged 
 
 /// Largest acceleration and yaw rate of a plan alone, as driven from its second step on: its first step is the change from
 /// the recording to the plan.
-pub fn kinematics(plan: &Trajectory, now: &Pose) -> [f64; 2] {
-    let profile = paper::profile(plan.points(), now);
+pub fn kinematics(plan: &[Point], now: &Pose) -> [f64; 2] {
+    let profile = paper::profile(plan, now);
     let most = |values: &[f64]| values.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
     [most(&profile.acceleration), most(&profile.yaw_rate)]
 }
@@ -103,11 +106,11 @@ mod tests {
     #[test]
     fn the_step_from_the_recording_to_the_plan_is_not_counted() {
         // 10 m/s along y, whatever the car did before.
-        let plan = Trajectory::new("test", (1..=80).map(|k| [0.0, f64::from(k)]).collect()).unwrap();
+        let plan: Vec<Point> = (1..=80).map(|k| [0.0, f64::from(k)]).collect();
         assert_eq!(kinematics(&plan, &Pose::new(0.0, 0.0, 0.0)), [0.0, 0.0]);
         // From 10 to 20 m/s within a step, and a turn by 90 degrees.
         let bent = |k: i32| if k <= 40 { [0.0, f64::from(k)] } else { [2.0 * f64::from(k - 40), 40.0] };
-        let plan = Trajectory::new("test", (1..=80).map(bent).collect()).unwrap();
+        let plan: Vec<Point> = (1..=80).map(bent).collect();
         let [acceleration, yaw_rate] = kinematics(&plan, &Pose::new(0.0, 0.0, 0.0));
         assert!((acceleration - 100.0).abs() < 1e-9, "{acceleration}");
         assert!((yaw_rate - 5.0 * std::f64::consts::PI).abs() < 1e-9, "{yaw_rate}");

@@ -29,3 +29,38 @@ pub fn mirrored_rest(rest: &[f32; REST]) -> [f32; REST] {
 pub fn mirrored_action(action: &[f64; ACTION]) -> [f64; ACTION] {
     std::array::from_fn(|k| if k < 2 * CHANGED { action[k] } else { -action[k] })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::goose::Curve;
+
+    #[test]
+    fn a_mirrored_curve_changes_as_the_mirror_image_of_a_curve() {
+        let path: Vec<[f64; 2]> = (0..81).map(|k| [0.5 * f64::from(k), 0.003 * f64::from(k * k)]).collect();
+        let flipped: Vec<[f64; 2]> = path.iter().map(|[x, y]| [*x, -y]).collect();
+        let [curve, mirrored] = [&path, &flipped].map(|path| Curve::fit(path).unwrap());
+        let action = std::array::from_fn(|k| 0.07 * k as f64 - 0.4);
+        let (changed, expected) = (curve.changed(&action), mirrored.changed(&mirrored_action(&action)));
+        let rest = |curve: &Curve| {
+            let mut rest = [0.25; REST];
+            rest.iter_mut().zip(curve.state()).for_each(|(to, x)| *to = x as f32);
+            rest
+        };
+        let distance =
+            |a: [f32; REST], b: [f32; REST]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(distance(mirrored_rest(&rest(&changed)), rest(&expected)) < 1e-4);
+        assert!(distance(rest(&changed), rest(&expected)) > 0.1);
+    }
+
+    #[test]
+    fn twice_mirrored_rows_are_the_rows() {
+        let row: Features = std::array::from_fn(|k| k as f32 + 1.0);
+        let mirrored = mirrored_rows(&[row]);
+        assert_eq!(mirrored_rows(&mirrored), [row]);
+        // Position and velocity to the left, and heading, of each of the five road users.
+        let changed: Vec<usize> = (0..row.len()).filter(|k| mirrored[0][*k] == -row[*k]).collect();
+        assert_eq!(changed.len(), 15);
+        assert_eq!(changed[..4], [1, 3, 4, 9]);
+    }
+}

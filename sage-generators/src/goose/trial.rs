@@ -28,6 +28,8 @@ pub struct TrialScene<'c> {
     ctx: &'c Context,
     is_scaled: bool,
     first_frame: usize,
+    /// Steps of the recording that a curve covers.
+    steps: usize,
     /// Origin and x axis of the curves.
     origin: Pose,
     first: Curve,
@@ -67,7 +69,8 @@ impl<'c> TrialScene<'c> {
             scene: ctx.scene().id.clone(),
             problem: format!("adversary `{}` is not valid from frame {first_frame} on", log.id),
         })?;
-        Ok(Self { ctx, is_scaled: !options.unscaled, first_frame, origin, first })
+        let steps = path.len().saturating_sub(1).max(1);
+        Ok(Self { ctx, is_scaled: !options.unscaled, first_frame, steps, origin, first })
     }
 
     /// The curve through the recording.
@@ -93,7 +96,7 @@ impl<'c> TrialScene<'c> {
         };
         let gap = |frame: usize| Some(distance(adversary(frame)?.position, ego_at(frame)?.position));
         let least = (NOW + 1..=last).filter_map(gap).min_by(f64::total_cmp).unwrap_or(NEVER_MET);
-        let [acceleration, yaw_rate] = kinematics(&plan, &self.start(&curve, candidate.start()));
+        let [acceleration, yaw_rate] = kinematics(candidate.points(), &self.start(&curve, candidate.start()));
         let achieved = [least, acceleration, yaw_rate];
         Ok(Trial {
             rows: view.rows(&adversary, &ego_at, last),
@@ -111,14 +114,18 @@ impl<'c> TrialScene<'c> {
         if self.first_frame == NOW {
             return *now;
         }
-        let share = (NOW - self.first_frame) as f64 / (NOW + HORIZON - self.first_frame) as f64;
-        Pose { position: to_world(&self.origin, curve.at(share)), ..*now }
+        Pose { position: self.place(curve, NOW), ..*now }
+    }
+
+    /// Position of a curve at a frame; after a shorter recording its end.
+    fn place(&self, curve: &Curve, frame: usize) -> Point {
+        let share = (frame - self.first_frame) as f64 / self.steps as f64;
+        to_world(&self.origin, curve.at(share))
     }
 
     /// Positions of a curve at equal steps of its parameter: speed follows from the weights.
     fn plan(&self, curve: &Curve) -> Result<Trajectory, Error> {
-        let last = (NOW + HORIZON - self.first_frame) as f64;
-        let at = |frame: usize| to_world(&self.origin, curve.at((frame - self.first_frame) as f64 / last));
+        let at = |frame: usize| self.place(curve, frame);
         Trajectory::new("curve of the adversary", (NOW + 1..=NOW + HORIZON).map(at).collect())
     }
 }

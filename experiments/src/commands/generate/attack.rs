@@ -1,6 +1,6 @@
 //! Reads a scene, attacks it at all operating points, and writes the results.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
@@ -255,7 +255,7 @@ impl SceneWriter<'_> {
             outcome: *outcome,
             counts,
             note: attack.note.as_ref().map(Note::to_string),
-            queries: attack.queries,
+            queries: NonZeroUsize::new(attack.queries),
             scores: ChosenScores { scores, avoidable, r157_avoids: *r157_avoids },
             candidates,
         }

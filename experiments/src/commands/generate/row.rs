@@ -1,5 +1,7 @@
 //! The row of one attack, as its JSON file holds it.
 
+use std::num::NonZeroUsize;
+
 use sage_core::{
     motion::Trajectory,
     objective::{Scores, Violation},
@@ -41,15 +43,11 @@ pub(super) struct VariantRow<'r> {
     pub(super) counts: &'r CandidateCounts,
     pub(super) note: Option<String>,
     /// Drives of the driver that the generator asked for.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub(super) queries: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) queries: Option<NonZeroUsize>,
     pub(super) scores: ChosenScores<'r>,
     /// The last field, so that the others can be read without it.
     pub(super) candidates: Vec<CandidateRow<'r>>,
-}
-
-fn is_zero(count: &usize) -> bool {
-    *count == 0
 }
 
 /// The row of a scene in which no attack can be measured.

@@ -1,5 +1,7 @@
 //! What attacks the drivers of one scene.
 
+use std::num::NonZeroUsize;
+
 use anyhow::{Context as _, Result};
 use sage_core::{
     motion::Trajectory,
@@ -120,7 +122,7 @@ impl<'a> SceneAttacks<'a> {
                     let label = if uses_point { point.long_label() } else { generator.method.to_string() };
                     let path = test.path_of(&attack)?;
                     let planned = PlannedAttack::of(&ctx, &avoidance, path);
-                    let attack = PlannedAttack { queries: attack.queries, ..planned };
+                    let attack = planned.after(attack.queries);
                     let swept = point.swept().filter(|_| uses_point);
                     let described = generator.describe(point);
                     Ok(PlannedDrive { described, label, swept, attack: Some(attack) })
@@ -143,6 +145,11 @@ impl PlannedAttack {
         Self { path, feasible, believable, unbelievable, contact, avoidable, queries: 0 }
     }
 
+    /// The same, found after so many drives of the driver.
+    pub(crate) fn after(self, queries: usize) -> Self {
+        Self { queries, ..self }
+    }
+
     /// The row of the attack, with its verdict and the drive before.
     pub(crate) fn row(self, verdict: Verdict, before: &Drive) -> AttackRow {
         let first = before.contacts.first().map(|contact| contact.step);
@@ -152,7 +159,7 @@ impl PlannedAttack {
             believable: self.believable,
             unbelievable: self.unbelievable,
             verdict,
-            queries: self.queries,
+            queries: NonZeroUsize::new(self.queries),
             avoidable: self.avoidable,
             unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
         }

@@ -1,6 +1,6 @@
 //! The row of one drive: its JSON file and its printed line.
 
-use std::path::Path;
+use std::{num::NonZeroUsize, path::Path};
 
 use sage_core::{
     files,
@@ -89,17 +89,13 @@ pub(crate) struct AttackRow {
     /// Whether the driver falls for it.
     pub(crate) verdict: Verdict,
     /// Drives of the driver that the generator asked for.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub(crate) queries: usize,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) queries: Option<NonZeroUsize>,
     /// Step of the first contact without the attack.
     pub(crate) unattacked_contact: Option<i64>,
     /// Whether the drive before could evade the attack.
     #[serde(flatten)]
     pub(crate) avoidable: Avoidable,
-}
-
-fn is_zero(count: &usize) -> bool {
-    *count == 0
 }
 
 /// A contact in words. `adversary` is the track of the adversary.

@@ -39,11 +39,13 @@ use crate::{
 const STATE: &str = "training.state";
 /// Decisions from one state to the next.
 const SAVED: u64 = 500;
+/// Most role assignments of all scenes together, about 8 GB.
+const MOST_SETTINGS: usize = 4096;
 
 pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let options = TrainingOptions::of(args)?;
-    let ego = Ego::new(&args.ego, registries)?;
+    let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
     let license = args.license.clone().unwrap_or_else(|| "unspecified".to_owned());
     let training = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
     let validation =
@@ -66,6 +68,11 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     }
     let given = train.len();
     let train = scenes::with_other_roles(train, options.roles);
+    let settings = train.len();
+    ensure!(
+        settings <= MOST_SETTINGS,
+        "{settings} role assignments of the scenes; at most {MOST_SETTINGS} are held in memory (2 MB each): use fewer scenes or a smaller `roles`"
+    );
     let tests = tests(&training, &train, given, &ego, args.seed);
     let seats = seats(&training, &tests, &options);
     ensure!(!seats.is_empty(), "the driver meets the adversary in none of {}", count(train.len(), "scene"));
@@ -104,7 +111,7 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     parameters.save(&header, &run.folder().path().join(GOOSE_FILE))?;
     curves::write(learning.ended(), learning.losses(), run.folder())?;
     let weights = GooseWeights::new(&parameters, &options.networks, GOOSE_FILE)?;
-    let measured = measured::measure(&validation, &dev, &weights, &*ego.policy, &options, args.seed);
+    let measured = measured::measure(&validation, &dev, &weights, &*ego.policy, args.seed);
     let summary = json!({
         "scenes": seats.len(), "decisions": decisions, "ended": learning.ended().len(),
         "success": curves::success(learning.ended(), options.decisions, seats.len()), "measured": measured,
@@ -116,15 +123,17 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     Ok(scenes::outcome_without(training.failed() + validation.failed()))
 }
 
+/// A driver in a scene, and the scene as it is attacked.
+struct Tested<'e> {
+    test: AttackTest<'e>,
+    ctx: Context,
+    /// The scene as the user knows it; `None` under other roles.
+    name: Option<String>,
+}
+
 /// The driver in each scene that it can drive, with its drive without an attack, and the scene as it is attacked. Only the first
 /// scenes, those that are given, are reported if it cannot: among other roles are egos that are absent at the start.
-fn tests<'e>(
-    list: &Scenes,
-    train: &[SceneData],
-    given: usize,
-    ego: &'e Ego,
-    seed: u64,
-) -> Vec<(AttackTest<'e>, Context)> {
+fn tests<'e>(list: &Scenes, train: &[SceneData], given: usize, ego: &'e Ego, seed: u64) -> Vec<Tested<'e>> {
     let one = |data: &SceneData| -> Result<_> {
         let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
         let test = AttackTest::new(&*ego.policy, &scene, seed)?;
@@ -136,7 +145,9 @@ fn tests<'e>(
     let mut kept = Vec::new();
     for (number, (found, data)) in all.into_iter().zip(train).enumerate() {
         match found {
-            Ok(found) => kept.push(found),
+            Ok((test, ctx)) => {
+                kept.push(Tested { test, ctx, name: (number < given).then(|| data.name.clone()) });
+            }
             Err(error) if number < given => list.fail(&data.name, &error),
             Err(_) => {}
         }
@@ -145,13 +156,14 @@ fn tests<'e>(
 }
 
 /// The scenes in which something can be learnt.
-fn seats<'a>(
-    list: &Scenes,
-    tests: &'a [(AttackTest<'a>, Context)],
-    options: &TrainingOptions,
-) -> Vec<Seat<'a>> {
-    let one = |(test, ctx): &'a (AttackTest<'a>, Context)| {
-        Seat::new(test, ctx, options).map_err(|error| list.fail(&test.scene().id, &error)).ok()
+fn seats<'a>(list: &Scenes, tests: &'a [Tested<'a>], options: &TrainingOptions) -> Vec<Seat<'a>> {
+    let one = |Tested { test, ctx, name }: &'a Tested<'a>| match (Seat::new(test, ctx, options), name) {
+        (Ok(seat), _) => Some(seat),
+        (Err(error), Some(name)) => {
+            list.fail(name, &error);
+            None
+        }
+        (Err(_), None) => None,
     };
     tests.iter().filter_map(one).filter(|seat| seat.is_useful(options)).collect()
 }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use sage_backbones::goose::{ACTION, GooseWeights};
 use sage_bench::estimate;
 use sage_core::{scene::SceneData, seed::Rng, statistics::Estimate};
-use sage_generators::goose::{DESIRED, Trial, TrialScene, tried};
+use sage_generators::goose::{TRIALS, Trial, TrialScene, action, tried};
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
@@ -14,7 +14,6 @@ use sage_sim::{
 };
 use serde::Serialize;
 
-use super::options::TrainingOptions;
 use crate::scenes::Scenes;
 
 /// What was measured against the driver of the training, and against the ego's recording.
@@ -53,16 +52,15 @@ pub(super) fn measure(
     dev: &[SceneData],
     weights: &GooseWeights,
     policy: &dyn EgoPolicy,
-    options: &TrainingOptions,
     seed: u64,
 ) -> Measured {
     let against = |driver: &dyn EgoPolicy, name: &str| {
-        let one = |data: &SceneData| in_scene(data, weights, driver, options, seed);
-        let all: Vec<Result<InScene>> = dev.par_iter().with_max_len(1).map(one).collect();
+        let one = |data: &SceneData| in_scene(data, weights, driver, seed);
+        let all: Vec<Result<Option<InScene>>> = dev.par_iter().with_max_len(1).map(one).collect();
         let mut scenes = Vec::new();
         for (found, data) in all.into_iter().zip(dev) {
             match found {
-                Ok(found) => scenes.push(found),
+                Ok(found) => scenes.extend(found),
                 Err(error) => list.fail(&data.name, &error),
             }
         }
@@ -92,29 +90,26 @@ fn outcomes(scenes: &[InScene], name: &str) -> Outcomes {
     }
 }
 
+/// `None` where ego and adversary overlap *now*: no attack counts there.
 fn in_scene(
     data: &SceneData,
     weights: &GooseWeights,
     policy: &dyn EgoPolicy,
-    options: &TrainingOptions,
     seed: u64,
-) -> Result<InScene> {
+) -> Result<Option<InScene>> {
     let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
     let test = AttackTest::new(policy, &scene, seed)?;
     let (ctx, driver) = (test.context()?, QueriedDriver::new(&test));
+    if ctx.is_in_contact_now() {
+        return Ok(None);
+    }
     let trials = TrialScene::new(&ctx, weights.options())?;
-    let act = |trial: &Trial| {
-        weights.action(&trial.rows, &trial.rest(&DESIRED)).map_err(|error| sage_core::Error::Scene {
-            scene: data.scene.id.clone(),
-            problem: error.to_string(),
-        })
-    };
-    let by_policy = tried(&trials, &driver, options.trials, act)?;
+    let by_policy = tried(&trials, &driver, TRIALS, |trial| action(weights, &ctx, trial))?;
     let mut rng = Rng::new(seed, &data.scene.id, "random actions");
     let random = |_: &Trial| Ok::<[f64; ACTION], _>(std::array::from_fn(|_| rng.uniform(-1.0, 1.0)));
-    let by_chance = tried(&trials, &driver, options.trials, random)?;
+    let by_chance = tried(&trials, &driver, TRIALS, random)?;
     let outcome = |trial: Option<&Trial>| {
         trial.map_or([0.0; 2], |trial| [trial.judged.is_done, trial.is_hit].map(|x| f64::from(u8::from(x))))
     };
-    Ok([outcome(by_policy.last()), outcome(by_chance.last()), outcome(by_policy.first())])
+    Ok(Some([outcome(by_policy.last()), outcome(by_chance.last()), outcome(by_policy.first())]))
 }

@@ -1,6 +1,6 @@
 //! What the learner remembers: decisions with what was seen before and after, each with copies in hindsight.
 
-use std::{collections::VecDeque, sync::Arc};
+use std::{borrow::Cow, collections::VecDeque, sync::Arc};
 
 use sage_backbones::goose::{ACTION, Features, HIDDEN, REST, STATE};
 use sage_core::seed::Rng;
@@ -15,19 +15,17 @@ use super::options::TrainingOptions;
 /// What a policy sees of a trial, for any goal.
 pub(super) struct Moment {
     pub(super) rows: Vec<Features>,
-    mirrored: Vec<Features>,
     /// The rest of the state, with the goal of attacks.
     pub(super) rest: [f32; REST],
 }
 
 impl Moment {
     pub(super) fn of(trial: &Trial) -> Arc<Self> {
-        let rows = trial.rows.clone();
-        Arc::new(Self { mirrored: mirrored_rows(&rows), rows, rest: trial.rest(&DESIRED) })
+        Arc::new(Self { rows: trial.rows.clone(), rest: trial.rest(&DESIRED) })
     }
 
-    fn rows(&self, is_mirrored: bool) -> &[Features] {
-        if is_mirrored { &self.mirrored } else { &self.rows }
+    fn rows(&self, is_mirrored: bool) -> Cow<'_, [Features]> {
+        if is_mirrored { mirrored_rows(&self.rows).into() } else { Cow::Borrowed(&self.rows) }
     }
 
     /// The state, from the encoded rows.
@@ -65,8 +63,8 @@ pub(super) struct Memory {
 
 /// A batch of transitions, whose observations are still to be encoded.
 pub(super) struct Drawn<'m> {
-    pub(super) before: Vec<&'m [Features]>,
-    pub(super) after: Vec<&'m [Features]>,
+    pub(super) before: Vec<Cow<'m, [Features]>>,
+    pub(super) after: Vec<Cow<'m, [Features]>>,
 }
 
 impl Memory {

@@ -80,7 +80,10 @@ impl TrainingOptions {
             "--options: `decisions` is {decisions}; expected 1 to {MOST_DECISIONS}"
         );
         ensure!((2..=100).contains(&trials), "--options: `trials` is {trials}; expected 2 to 100");
-        ensure!(random >= 1, "--options: `random` is {random}; expected at least 1");
+        ensure!(
+            (1..decisions).contains(&random),
+            "--options: `random` is {random}; expected at least 1, and less than the {decisions} `decisions`: the others learn"
+        );
         ensure!(roles <= MOST_ROLES, "--options: `roles` is {roles}; expected at most {MOST_ROLES}");
         let least = batch.max(1 + HINDSIGHT);
         ensure!(buffer >= least, "--options: `buffer` is {buffer}; expected at least {least}");

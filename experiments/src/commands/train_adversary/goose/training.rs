@@ -100,10 +100,14 @@ pub(super) struct Training<'a> {
     actions: Vec<[f64; ACTION]>,
     ended: Vec<Ended>,
     losses: Vec<Losses>,
+    /// Drives that failed in a row.
+    failures: u32,
 }
 
 /// Decisions of a row of the losses.
 const ROW: u64 = 250;
+/// Drives that fail in a row after which the training ends.
+const MOST_FAILURES: u32 = 50;
 
 impl<'a> Training<'a> {
     /// A training before its first decision.
@@ -126,6 +130,7 @@ impl<'a> Training<'a> {
             actions: Vec::new(),
             ended: Vec::new(),
             losses: Vec::new(),
+            failures: 0,
         })
     }
 
@@ -247,7 +252,18 @@ impl<'a> Training<'a> {
             trials: 1,
             reward: seat.first.judged.reward,
         });
-        let trial = seat.scene.trial(at.trial.curve.changed(&action), &seat.driver)?;
+        let trial = match seat.scene.trial(at.trial.curve.changed(&action), &seat.driver) {
+            Ok(trial) => trial,
+            // The scene begins anew: one drive that fails does not end a training of hours.
+            Err(error) => {
+                self.failures += 1;
+                if self.failures < MOST_FAILURES {
+                    return Ok(());
+                }
+                return Err(error).context(format!("{MOST_FAILURES} drives in a row failed; the last one"));
+            }
+        };
+        self.failures = 0;
         let moment = Moment::of(&trial);
         if self.options.keep_unmet || trial.is_met() {
             let mut goals = self.rng(decision, "hindsight");
@@ -271,8 +287,9 @@ impl<'a> Training<'a> {
         self.batch.noise.fill_with(|| noise.normal() as f32);
         // Two threads at most: the bits do not depend on them.
         let encoder = &self.encoder;
-        let (encoded, after) =
-            rayon::join(|| encoder.encode(&drawn.before), || encoder.encode_fixed(&drawn.after));
+        let [before, after] =
+            [&drawn.before, &drawn.after].map(|drives| drives.iter().map(|rows| &**rows).collect::<Vec<_>>());
+        let (encoded, after) = rayon::join(|| encoder.encode(&before), || encoder.encode_fixed(&after));
         let (encoded, after) = (encoded?, after?);
         for (to, from) in [
             (&mut self.batch.observations, encoded.hidden()),
@@ -290,9 +307,9 @@ impl<'a> Training<'a> {
         if let Some(gradient) = self.learner.input_gradient() {
             self.encoder.step(&encoded, gradient)?;
         }
-        let row = decision / ROW + 1;
-        if self.losses.last().is_none_or(|last| last.decision != row * ROW) {
-            self.losses.push(Losses { decision: row * ROW, ..Losses::default() });
+        let end = ((decision / ROW + 1) * ROW).min(self.options.decisions);
+        if self.losses.last().is_none_or(|last| last.decision != end) {
+            self.losses.push(Losses { decision: end, ..Losses::default() });
         }
         if let Some(losses) = self.losses.last_mut() {
             losses.updates += 1;

@@ -65,7 +65,8 @@ pub(crate) struct TrainSealArgs {
 /// The policy moves the control points of the adversary's path, the driver drives against it, and the policy learns from what
 /// happened (TD3 with goals in hindsight). Each decision costs one drive and one update. The folder gets `goose.safetensors` (copy it beside the
 /// prior, then --weights finds it), curves, `README.md` with what was measured, and `run.json`. The same command resumes an
-/// interrupted run with bit-identical results; it first repeats its drives.
+/// interrupted run with bit-identical results; it first repeats its drives. Scenes are held in memory: about 2 MB for each of their role
+/// assignments.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

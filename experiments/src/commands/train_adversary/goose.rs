@@ -39,7 +39,7 @@ use crate::{
 const STATE: &str = "training.state";
 /// Decisions from one state to the next.
 const SAVED: u64 = 500;
-/// Most role assignments of all scenes together, about 8 GB.
+/// Most role assignments of all scenes together, about 9 GB.
 const MOST_SETTINGS: usize = 4096;
 
 pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outcome> {

@@ -75,7 +75,11 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     );
     let tests = tests(&training, &train, given, &ego, args.seed);
     let seats = seats(&training, &tests, &options);
-    ensure!(!seats.is_empty(), "the driver meets the adversary in none of {}", count(train.len(), "scene"));
+    ensure!(
+        !seats.is_empty(),
+        "nothing to learn in {}: the driver does not meet the adversary after now, or the recording's own curve reaches the goal",
+        count(train.len(), "scene")
+    );
     progress::say(&format!(
         "{} to learn in ({:.0} s)",
         count(seats.len(), "scene"),

@@ -82,6 +82,18 @@ class Scenes(InFolder):
         scene = pickle.loads(pickle.dumps(self.scene))
         self.assertTrue(np.array_equal(generator(scene, seed=3).candidates, generator(self.scene, seed=3).candidates))
 
+    def test_generators_that_query_the_driver_count_its_drives(self):
+        generator = sage.Generator(method="goose")
+        self.assertIn("queries the driver", generator.knows)
+        attack = generator(self.scene, ego="idm")
+        self.assertEqual(attack.queries, len(attack.candidates))
+        self.assertEqual(pickle.loads(pickle.dumps(attack)).queries, attack.queries)
+        # A recording does the same against every plan.
+        self.assertEqual(generator(self.scene).queries, 0)
+        episode = sage.simulate(self.scene, "idm", generator)
+        self.assertEqual(episode.attack["queries"], attack.queries)
+        self.assertTrue(np.array_equal(episode.plan, attack.trajectory))
+
     def test_recorded_scenes_keep_their_bits(self):
         generator = sage.Generator()
         for path in scene_files(10, self.folder):

@@ -28,7 +28,7 @@ use sage_data::procedural::Kind;
 use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
 use crate::part::PolicyParts;
 
-pub(crate) use adversaries::{TrainAdversaryCommand, TrainGooseArgs, TrainSealArgs};
+pub(crate) use adversaries::{TrainAdversaryCommand, TrainGooseArgs, TrainSealArgs, TrainingScenesArgs};
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, ExplainArgs, GenerateArgs, Values};
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};

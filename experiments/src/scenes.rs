@@ -3,6 +3,7 @@
 
 mod entry;
 mod failed;
+mod roles;
 mod split;
 
 use std::{
@@ -13,7 +14,6 @@ use std::{
 
 use anyhow::{Result, anyhow, bail};
 use rayon::prelude::*;
-use sage_backbones::training::role_assignments;
 use sage_core::{
     motion::NOW,
     objective::{Context, ContextOptions},
@@ -31,6 +31,7 @@ use crate::{
 
 use entry::{Entry, Origin, read};
 pub(crate) use failed::{Failed, outcome_without};
+pub(crate) use roles::with_other_roles;
 
 /// Scenes processed in parallel before their results are returned in order.
 const WINDOW: usize = 64;
@@ -420,21 +421,6 @@ fn memory_size(data: &SceneData) -> usize {
     /// A point of the map, its segment, and its share of the trees.
     const POINT: usize = 200;
     data.scene.tracks.len() * data.scene.frames * FRAME + data.scene.map.points.len() * POINT
-}
-
-/// Adds to the scenes the same scenes under other role assignments, at most `most` for each. They share map and index.
-pub(crate) fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
-    let reassigned = |data: &SceneData| -> Vec<SceneData> {
-        let roles = role_assignments(&data.scene, most).into_iter().enumerate();
-        let named = roles.map(|(k, scene)| SceneData {
-            name: format!("{} roles {}", data.name, k + 1),
-            scene: Arc::new(scene),
-            index: data.index.clone(),
-        });
-        named.collect()
-    };
-    let others: Vec<Vec<SceneData>> = scenes.par_iter().map(reassigned).collect();
-    scenes.into_iter().chain(others.into_iter().flatten()).collect()
 }
 
 /// Number of scenes and a hash of their contents in order.

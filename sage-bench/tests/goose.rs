@@ -57,7 +57,7 @@ fn a_repeated_ego_does_what_the_simulation_of_a_recording_does() {
             let geometric = tried(&trial_scene, &RepeatedEgo(&ctx), 6, act).unwrap();
             assert_eq!(simulated.len(), geometric.len(), "{kind:?} {seed}");
             for (a, b) in simulated.iter().zip(&geometric) {
-                assert_eq!((a.is_hit, a.judged.is_done), (b.is_hit, b.judged.is_done), "{kind:?} {seed}");
+                assert_eq!((a.is_hit, a.outcome.is_done), (b.is_hit, b.outcome.is_done), "{kind:?} {seed}");
                 assert!((a.achieved[0] - b.achieved[0]).abs() < 1e-9, "{kind:?} {seed}");
                 assert_eq!(a.rows.len(), b.rows.len());
                 let mut numbers = a.rows.as_flattened().iter().zip(b.rows.as_flattened());

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use crate::{Facts, GeneratorInputs, GeneratorKind};
 
 pub use curve::{CONTROL_POINTS, Curve};
-pub use goal::{DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Judged, judge, judge_in_hindsight};
+pub use goal::{DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Outcome, attack_outcome, outcome_in_hindsight};
 pub use mirror::{mirrored_action, mirrored_rest, mirrored_rows};
 pub use trial::{RepeatedEgo, Trial, TrialScene};
 
@@ -125,7 +125,7 @@ pub fn tried(
 ) -> Result<Vec<Trial>, Error> {
     let mut trials = vec![scene.trial(scene.first_curve().clone(), driver)?];
     while trials.len() < most {
-        let Some(last) = trials.last().filter(|trial| !trial.judged.is_done) else { break };
+        let Some(last) = trials.last().filter(|trial| !trial.outcome.is_done) else { break };
         let curve = last.curve.changed(&act(last)?);
         trials.push(scene.trial(curve, driver)?);
     }

@@ -17,6 +17,22 @@ pub(crate) enum TrainAdversaryCommand {
     Goose(TrainGooseArgs),
 }
 
+/// Scenes of a training, and those on which its result is measured.
+#[derive(Debug, Args)]
+pub(crate) struct TrainingScenesArgs {
+    /// Scene files and folders for training (default: procedural scenes).
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Scene files and folders on which what was trained is measured; scenes of the training are left out.
+    #[arg(long, help_heading = SCENE, value_name = "PATH", num_args = 1..)]
+    pub dev: Vec<PathBuf>,
+    /// Number of procedural scenes if no PATH is given.
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    pub procedural: u64,
+}
+
 /// Train the learned parts of the generators `seal-score` and `seal`.
 ///
 /// A car-following driver drives every scene alone and against each of the prior's 32 candidates. A score learns from these
@@ -33,17 +49,8 @@ Examples:
       --split train --weights waymo --out seal/
   sage train-adversary seal --procedural 200 --out procedural-seal/")]
 pub(crate) struct TrainSealArgs {
-    /// Scene files and folders for training (default: procedural scenes).
-    #[arg(value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
     #[command(flatten)]
-    pub split: SplitArgs,
-    /// Scene files and folders on which the trained parts are measured; scenes of the training are left out.
-    #[arg(long, help_heading = SCENE, value_name = "PATH", num_args = 1..)]
-    pub dev: Vec<PathBuf>,
-    /// Number of procedural scenes if no PATH is given.
-    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
-    pub procedural: u64,
+    pub scenes: TrainingScenesArgs,
     /// Weights whose prior proposes the candidates: procedural, waymo, a folder or a file.
     #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
@@ -76,17 +83,8 @@ Examples:
   sage train-adversary goose --procedural 200 --ego expert \\
       --out against-expert/")]
 pub(crate) struct TrainGooseArgs {
-    /// Scene files and folders for training (default: procedural scenes).
-    #[arg(value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
     #[command(flatten)]
-    pub split: SplitArgs,
-    /// Scene files and folders on which the policy is measured; scenes of the training are left out.
-    #[arg(long, help_heading = SCENE, value_name = "PATH", num_args = 1..)]
-    pub dev: Vec<PathBuf>,
-    /// Number of procedural scenes if no PATH is given.
-    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
-    pub procedural: u64,
+    pub scenes: TrainingScenesArgs,
     /// Driver that it attacks, by its name in `sage list`.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY", default_value = "idm-release")]
     pub ego: PolicyPart,

@@ -2,3 +2,4 @@
 
 pub(crate) mod goose;
 pub(crate) mod seal;
+mod training_scenes;

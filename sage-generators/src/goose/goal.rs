@@ -34,35 +34,35 @@ pub const HINDSIGHT_GOALS: [Goal; 9] = {
 
 /// Reward of a step, and whether the goal is reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
+pub struct Outcome {
     /// 0 for a goal that is reached, else −1 or less.
     pub reward: f64,
     /// Whether the goal is reached.
     pub is_done: bool,
 }
 
-/// Judges what a plan achieves by the goal of attacks; `is_hit` says that the ego had a contact with the adversary.
-pub fn judge(achieved: &Goal, is_hit: bool) -> Judged {
+/// Outcome of what a plan achieves, by the goal of attacks; `is_hit` says that the ego had a contact with the adversary.
+pub fn attack_outcome(achieved: &Goal, is_hit: bool) -> Outcome {
     let is_near = is_hit || achieved[0] < TOUCHES;
-    judged(achieved, &DESIRED, is_near && is_smooth(achieved, &DESIRED), TOUCHES)
+    outcome_of(achieved, &DESIRED, is_near && is_smooth(achieved, &DESIRED), TOUCHES)
 }
 
-/// Judges it by a goal in hindsight.
-pub fn judge_in_hindsight(achieved: &Goal, desired: &Goal) -> Judged {
-    judged(achieved, desired, achieved[0] < desired[0] && is_smooth(achieved, desired), 0.0)
+/// The same by a goal in hindsight.
+pub fn outcome_in_hindsight(achieved: &Goal, desired: &Goal) -> Outcome {
+    outcome_of(achieved, desired, achieved[0] < desired[0] && is_smooth(achieved, desired), 0.0)
 }
 
 fn is_smooth(achieved: &Goal, desired: &Goal) -> bool {
     achieved[1] < desired[1] && achieved[2] < desired[2]
 }
 
-fn judged(achieved: &Goal, desired: &Goal, is_done: bool, slack: f64) -> Judged {
+fn outcome_of(achieved: &Goal, desired: &Goal, is_done: bool, slack: f64) -> Outcome {
     let beyond: Goal = std::array::from_fn(|k| {
         let limit = desired[k] + if k == 0 { slack } else { 0.0 };
         (achieved[k] - limit).max(0.0)
     });
     let penalty: f64 = 1.0 + PENALTIES.iter().zip(&beyond).map(|(p, x)| p * x).sum::<f64>();
-    Judged { reward: if is_done { 0.0 } else { -penalty }, is_done }
+    Outcome { reward: if is_done { 0.0 } else { -penalty }, is_done }
 }
 
 /// Largest acceleration and yaw rate of a plan alone, as driven from its second step on: its first step is the change from
@@ -80,23 +80,23 @@ mod tests {
     #[test]
     fn rewards_of_worked_cases() {
         // 3 m away: 1 + 0.1 (3 − 1); 10 m/s² and 1.7 rad/s: + 0.01 · 2 + 0.05 · 1.
-        let judged = judge(&[3.0, 10.0, 1.7], false);
-        assert!((judged.reward + 1.27).abs() < 1e-12 && !judged.is_done);
+        let outcome = attack_outcome(&[3.0, 10.0, 1.7], false);
+        assert!((outcome.reward + 1.27).abs() < 1e-12 && !outcome.is_done);
         // A contact between larger cars, and one by distance.
-        assert_eq!(judge(&[2.5, 7.9, 0.69], true), Judged { reward: 0.0, is_done: true });
-        assert_eq!(judge(&[0.9, 7.9, 0.69], false), Judged { reward: 0.0, is_done: true });
+        assert_eq!(attack_outcome(&[2.5, 7.9, 0.69], true), Outcome { reward: 0.0, is_done: true });
+        assert_eq!(attack_outcome(&[0.9, 7.9, 0.69], false), Outcome { reward: 0.0, is_done: true });
         // A contact that is not smooth is not the goal: 1 + 0.1 (2.5 − 1) + 0.01 · 1.
-        let rough = judge(&[2.5, 9.0, 0.1], true);
+        let rough = attack_outcome(&[2.5, 9.0, 0.1], true);
         assert!((rough.reward + 1.16).abs() < 1e-12 && !rough.is_done);
-        assert!(!judge(&[0.5, 8.0, 0.1], true).is_done);
+        assert!(!attack_outcome(&[0.5, 8.0, 0.1], true).is_done);
     }
 
     #[test]
     fn hindsight_has_no_slack() {
-        let judged = judge_in_hindsight(&[5.0, 10.0, 0.5], &[4.0, 8.0, 0.7]);
-        assert!((judged.reward + 1.12).abs() < 1e-12 && !judged.is_done);
-        assert!(judge_in_hindsight(&[5.0, 10.0, 0.5], &[8.0, 20.0, 2.0]).is_done);
-        assert!(!judge_in_hindsight(&[8.0, 10.0, 0.5], &[8.0, 20.0, 2.0]).is_done);
+        let outcome = outcome_in_hindsight(&[5.0, 10.0, 0.5], &[4.0, 8.0, 0.7]);
+        assert!((outcome.reward + 1.12).abs() < 1e-12 && !outcome.is_done);
+        assert!(outcome_in_hindsight(&[5.0, 10.0, 0.5], &[8.0, 20.0, 2.0]).is_done);
+        assert!(!outcome_in_hindsight(&[8.0, 10.0, 0.5], &[8.0, 20.0, 2.0]).is_done);
         let goals: Vec<Goal> = HINDSIGHT_GOALS.to_vec();
         assert_eq!(goals[0], [4.0, 8.0, 0.7]);
         assert_eq!(goals[5], [20.0, 20.0, 2.0]);

@@ -13,7 +13,7 @@ use sage_core::{
 use super::{
     curve::{CONTROL_POINTS, Curve},
     features::{View, pose_of, scaled},
-    goal::{Goal, Judged, judge, kinematics},
+    goal::{Goal, Outcome, attack_outcome, kinematics},
 };
 
 /// Distance of a drive in which ego and adversary do not meet after *now*, metres.
@@ -47,7 +47,7 @@ pub struct Trial {
     /// What it achieves.
     pub achieved: Goal,
     /// Its reward.
-    pub judged: Judged,
+    pub outcome: Outcome,
     /// Whether the ego's drive ends with a contact with the adversary.
     pub is_hit: bool,
     is_scaled: bool,
@@ -100,7 +100,7 @@ impl<'c> TrialScene<'c> {
         let achieved = [least, acceleration, yaw_rate];
         Ok(Trial {
             rows: view.rows(&adversary, &ego_at, last),
-            judged: judge(&achieved, ego.hits_adversary),
+            outcome: attack_outcome(&achieved, ego.hits_adversary),
             is_hit: ego.hits_adversary,
             is_scaled: self.is_scaled,
             curve,

@@ -8,7 +8,7 @@ mod options;
 mod state;
 mod training;
 
-use std::{collections::HashSet, time::Instant};
+use std::time::Instant;
 
 use anyhow::{Result, ensure};
 use candle_core::{Device, Tensor};
@@ -27,6 +27,7 @@ use self::{
     options::TrainingOptions,
     training::{Seat, Training},
 };
+use super::training_scenes::TrainingScenes;
 use crate::{
     Outcome, Registries,
     cli::TrainGooseArgs,
@@ -47,16 +48,10 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     let options = TrainingOptions::of(args)?;
     let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
     let license = args.license.clone().unwrap_or_else(|| "unspecified".to_owned());
-    let training = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
-    let validation =
-        if args.dev.is_empty() { Scenes::default() } else { Scenes::under(&args.dev)?.attackable()? };
-    let train = training.read_all()?;
-    let known: HashSet<[u8; 16]> = train.iter().map(|data| data.scene.content_hash()).collect();
-    let mut dev = if args.dev.is_empty() { Vec::new() } else { validation.read_all()? };
-    dev.retain(|data| !known.contains(&data.scene.content_hash()));
-    let data = scenes::describe(&train);
+    let mut list = TrainingScenes::read(&args.scenes, args.seed)?;
+    let data = scenes::describe(&list.train);
     let identity = json!({
-        "command": "train-adversary goose", "options": options, "data": &data, "dev": scenes::describe(&dev),
+        "command": "train-adversary goose", "options": options, "data": &data, "dev": scenes::describe(&list.dev),
         "ego": ego::identity(&args.ego)?, "seed": args.seed, "license": &license,
         "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
@@ -66,15 +61,15 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     if state == RunState::Done {
         return Ok(Outcome::Done);
     }
-    let given = train.len();
-    let train = scenes::with_other_roles(train, options.roles);
+    let given = list.train.len();
+    let train = scenes::with_other_roles(std::mem::take(&mut list.train), options.roles);
     let settings = train.len();
     ensure!(
         settings <= MOST_SETTINGS,
         "{settings} role assignments of the scenes; at most {MOST_SETTINGS} are held in memory (2 MB each): use fewer scenes or a smaller `roles`"
     );
-    let tests = tests(&training, &train, given, &ego, args.seed);
-    let seats = seats(&training, &tests, &options);
+    let tests = tests(&list.training, &train, given, &ego, args.seed);
+    let seats = seats(&list.training, &tests, &options);
     ensure!(
         !seats.is_empty(),
         "nothing to learn in {}: the driver does not meet the adversary after now, or the recording's own curve reaches the goal",
@@ -115,7 +110,7 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     parameters.save(&header, &run.folder().path().join(GOOSE_FILE))?;
     curves::write(learning.ended(), learning.losses(), run.folder())?;
     let weights = GooseWeights::new(&parameters, &options.networks, GOOSE_FILE)?;
-    let measured = measured::measure(&validation, &dev, &weights, &*ego.policy, args.seed);
+    let measured = measured::measure(&list.validation, &list.dev, &weights, &*ego.policy, args.seed);
     let summary = json!({
         "scenes": seats.len(), "decisions": decisions, "ended": learning.ended().len(),
         "success": curves::success(learning.ended(), options.decisions, seats.len()), "measured": measured,
@@ -124,7 +119,7 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     let seconds = clock.elapsed().as_secs_f64();
     run.finish(&summary, seconds)?;
     progress::say(&format!("`{GOOSE_FILE}` is in `{}` ({seconds:.0} s)", args.folder.out.display()));
-    Ok(scenes::outcome_without(training.failed() + validation.failed()))
+    Ok(list.outcome())
 }
 
 /// A driver in a scene, and the scene as it is attacked.

@@ -6,7 +6,6 @@ mod curves;
 mod measured;
 
 use std::{
-    collections::HashSet,
     sync::atomic::{AtomicUsize, Ordering},
     time::Instant,
 };
@@ -30,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use self::{collected::Collected, curves::Curves};
+use super::training_scenes::TrainingScenes;
 use crate::{
     Outcome, Registries,
     cli::TrainSealArgs,
@@ -110,16 +110,11 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     let experts = sage_merging::ExpertSet::of_prior(prior.network.into());
     let generators = Generators::new(registries, &merger, &selection, args.seed)?.with_experts(&experts);
     let candidates = generators.build(&Part::named(CANDIDATES), &[])?;
-    let training = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
-    let validation =
-        if args.dev.is_empty() { Scenes::default() } else { Scenes::under(&args.dev)?.attackable()? };
-    let train = training.read_all()?;
-    let known: HashSet<[u8; 16]> = train.iter().map(|data| data.scene.content_hash()).collect();
-    let mut dev = if args.dev.is_empty() { Vec::new() } else { validation.read_all()? };
-    dev.retain(|data| !known.contains(&data.scene.content_hash()));
-    let data = scenes::describe(&train);
+    let list = TrainingScenes::read(&args.scenes, args.seed)?;
+    let (train, dev) = (&list.train, &list.dev);
+    let data = scenes::describe(train);
     let identity = json!({
-        "command": "train-adversary seal", "options": options, "data": &data, "dev": scenes::describe(&dev),
+        "command": "train-adversary seal", "options": options, "data": &data, "dev": scenes::describe(dev),
         "prior": weight_hashes(&experts)?, "seed": args.seed, "license": &license, "version": env!("CARGO_PKG_VERSION"),
         "program": output::program(),
     });
@@ -131,7 +126,7 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     if state == RunState::Done {
         return Ok(Outcome::Done);
     }
-    let collected = collect(&training, &train, &candidates, args.seed);
+    let collected = collect(&list.training, train, &candidates, args.seed);
     let counts = collected.counts;
     progress::say(&format!(
         "{} without and {} against candidates ({} and {} ended in a contact): {}, {} before contacts ({:.0} s)",
@@ -166,8 +161,8 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     let [adversarial, benign] = [(SEAL_FILE, adversarial), (BENIGN_FILE, benign)]
         .map(|(name, parameters)| SealWeights::new(&parameters, &networks, name));
     let measured = measured::measure(
-        &validation,
-        &dev,
+        &list.validation,
+        dev,
         &candidates,
         [adversarial?, benign?],
         &trained.encoder()?,
@@ -178,7 +173,7 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     let seconds = clock.elapsed().as_secs_f64();
     run.finish(&summary, seconds)?;
     progress::say(&format!("`{SEAL_FILE}` is in `{}` ({seconds:.0} s)", args.folder.out.display()));
-    Ok(scenes::outcome_without(training.failed() + validation.failed()))
+    Ok(list.outcome())
 }
 
 /// Collects in all scenes, in parallel. The order of the scenes, and so the result, does not depend on threads.

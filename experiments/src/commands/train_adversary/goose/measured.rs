@@ -109,7 +109,7 @@ fn in_scene(
     let random = |_: &Trial| Ok::<[f64; ACTION], _>(std::array::from_fn(|_| rng.uniform(-1.0, 1.0)));
     let by_chance = tried(&trials, &driver, TRIALS, random)?;
     let outcome = |trial: Option<&Trial>| {
-        trial.map_or([0.0; 2], |trial| [trial.judged.is_done, trial.is_hit].map(|x| f64::from(u8::from(x))))
+        trial.map_or([0.0; 2], |trial| [trial.outcome.is_done, trial.is_hit].map(|x| f64::from(u8::from(x))))
     };
     Ok(Some([outcome(by_policy.last()), outcome(by_chance.last()), outcome(by_policy.first())]))
 }

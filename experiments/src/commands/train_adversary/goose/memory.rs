@@ -5,8 +5,8 @@ use std::{borrow::Cow, collections::VecDeque, sync::Arc};
 use sage_backbones::goose::{ACTION, Features, HIDDEN, REST, STATE};
 use sage_core::seed::Rng;
 use sage_generators::goose::{
-    DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Judged, Trial, judge_in_hindsight, mirrored_action,
-    mirrored_rest, mirrored_rows,
+    DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Outcome, Trial, mirrored_action, mirrored_rest, mirrored_rows,
+    outcome_in_hindsight,
 };
 use sage_sim::rl::TransitionBatch;
 
@@ -41,7 +41,7 @@ impl Moment {
 struct Copy {
     /// The goal, as a state holds it.
     goal: [f32; 3],
-    judged: Judged,
+    outcome: Outcome,
 }
 
 /// One decision.
@@ -83,15 +83,15 @@ impl Memory {
         after: &Trial,
         goals: &mut Rng,
     ) {
-        let copy = |goal: &Goal, judged: Judged| {
+        let copy = |goal: &Goal, outcome: Outcome| {
             let rest = after.rest(goal);
-            Copy { goal: [REST - 3, REST - 2, REST - 1].map(|k| rest[k]), judged }
+            Copy { goal: [REST - 3, REST - 2, REST - 1].map(|k| rest[k]), outcome }
         };
         let mut left = HINDSIGHT_GOALS.to_vec();
-        let mut copies = vec![copy(&DESIRED, after.judged)];
+        let mut copies = vec![copy(&DESIRED, after.outcome)];
         for _ in 0..HINDSIGHT {
             let goal = left.swap_remove(goals.below(left.len()));
-            copies.push(copy(&goal, judge_in_hindsight(&after.achieved, &goal)));
+            copies.push(copy(&goal, outcome_in_hindsight(&after.achieved, &goal)));
         }
         let [before, after] = moments;
         self.steps.push_back(Step { before, after, action, copies });
@@ -126,8 +126,8 @@ impl Memory {
             }
             let action = if is_mirrored { mirrored_action(&step.action) } else { step.action };
             batch.actions[k * ACTION..(k + 1) * ACTION].copy_from_slice(&action.map(|x| x as f32));
-            batch.rewards[k] = copy.judged.reward as f32;
-            batch.not_terminal[k] = if copy.judged.is_done { 0.0 } else { 1.0 };
+            batch.rewards[k] = copy.outcome.reward as f32;
+            batch.not_terminal[k] = if copy.outcome.is_done { 0.0 } else { 1.0 };
         }
         drawn
     }

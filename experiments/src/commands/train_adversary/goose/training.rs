@@ -44,7 +44,7 @@ impl<'a> Seat<'a> {
 
     /// Whether something can be learnt in it.
     pub(super) fn is_useful(&self, options: &TrainingOptions) -> bool {
-        !self.first.judged.is_done && (options.keep_unmet || self.first.is_met())
+        !self.first.outcome.is_done && (options.keep_unmet || self.first.is_met())
     }
 }
 
@@ -250,7 +250,7 @@ impl<'a> Training<'a> {
             moment: seat.moment.clone(),
             began: decision + 1,
             trials: 1,
-            reward: seat.first.judged.reward,
+            reward: seat.first.outcome.reward,
         });
         let trial = match seat.scene.trial(at.trial.curve.changed(&action), &seat.driver) {
             Ok(trial) => trial,
@@ -269,10 +269,10 @@ impl<'a> Training<'a> {
             let mut goals = self.rng(decision, "hindsight");
             self.memory.add([at.moment, moment.clone()], action, &trial, &mut goals);
         }
-        let (trials, reward) = (at.trials + 1, at.reward + trial.judged.reward);
-        if trial.judged.is_done || trials >= self.options.trials {
+        let (trials, reward) = (at.trials + 1, at.reward + trial.outcome.reward);
+        if trial.outcome.is_done || trials >= self.options.trials {
             let distance = trial.achieved[0];
-            let (is_done, is_hit) = (trial.judged.is_done, trial.is_hit);
+            let (is_done, is_hit) = (trial.outcome.is_done, trial.is_hit);
             self.ended.push(Ended { began: at.began, scene, is_done, is_hit, distance, reward });
         } else {
             self.scenes[scene] = Some(InProgress { trial, moment, began: at.began, trials, reward });

@@ -1,8 +1,9 @@
 //! Estimates from rows: means, shares, medians and differences with 95 % intervals.
 //!
-//! There is one bootstrap, also for distances of samples that are pooled over scenes ([`Pool`]). A resample draws the scenes,
-//! once for all that is compared, so that differences are paired by scene, and for each method its training seeds, if it has
-//! several.
+//! Shares, means and differences of methods with several training seeds have intervals from the components of variance of seeds
+//! and scenes. All others are bootstrapped: methods with one seed, medians, and distances of samples that are pooled over scenes
+//! ([`Pool`]). A resample draws the scenes, once for all that is compared, so that differences are paired by scene, and for
+//! distances of pooled samples also the training seeds of each method.
 
 use rayon::prelude::*;
 use sage_core::{
@@ -11,9 +12,19 @@ use sage_core::{
     statistics::{self, Estimate, quantile},
 };
 
+mod components;
+#[cfg(test)]
+mod coverage;
 mod pooled;
+mod stopping;
+mod student;
+#[cfg(test)]
+mod tests;
 
 pub use pooled::Pool;
+pub use stopping::{HALF_WIDTH, LEAST_SEEDS, MOST_SEEDS, adds_a_seed};
+
+use components::{Spread, Values};
 
 /// Resamples of an interval.
 pub const RESAMPLES: usize = 4000;
@@ -26,6 +37,8 @@ const QUANTILES: f64 = 1.959_964 + 0.841_621;
 pub struct Samples {
     /// By seed, then by scene.
     pub seeds: Vec<Vec<[f64; 2]>>,
+    /// Names of the seeds, by which differences are paired; empty if they have none.
+    pub training_seeds: Vec<u64>,
     /// All values of each scene, for a median: those of agents, seeds and checkpoints.
     pub values: Vec<Vec<f64>>,
     /// Number of values, where scenes have several agents; otherwise that of scenes is reported.
@@ -41,9 +54,10 @@ pub struct Difference {
     pub estimate: Estimate,
     /// Scenes in which the first is larger, and in which the second is; only with one seed each.
     pub larger: Option<[usize; 2]>,
-    /// Two-sided p-value of the bootstrap, before any correction.
+    /// Two-sided p-value before any correction: of a t test with several seeds, of the bootstrap with one.
     pub p: f64,
-    /// Seeds per method for a power of 0.8 at the 0.05 level, if this is the true difference and scenes are fixed.
+    /// Seeds per method for a power of 0.8 at the 0.05 level, if this is the true difference, scenes are fixed and seeds
+    /// are paired or not as these are.
     pub seeds_needed: Option<u64>,
 }
 
@@ -145,6 +159,40 @@ impl Samples {
         deviation(&self.by_seed())
     }
 
+    /// Values whose mean over the scenes is that of each seed, and whose spread tells how exact it is: for a mean with weights,
+    /// which is a ratio, its linearisation.
+    fn linear(&self, scenes: &[usize]) -> Values {
+        let of_seed = |seed: &Vec<[f64; 2]>| {
+            let whole = sums(seed, scenes.iter().copied());
+            let (value, mean_weight) = (ratio(whole), whole[1] / scenes.len() as f64);
+            let influence = |[sum, weight]: [f64; 2]| ratio([sum - value * weight, mean_weight]);
+            scenes.iter().map(|k| value + influence(seed[*k])).collect()
+        };
+        self.seeds.iter().map(of_seed).collect()
+    }
+
+    /// For each seed the same one of another method, if both have several and the same.
+    fn same_seeds(&self, other: &Self) -> Option<Vec<usize>> {
+        let is_named = |of: &Self| of.seeds.len() > 1 && of.training_seeds.len() == of.seeds.len();
+        if !is_named(self) || !is_named(other) || self.seeds.len() != other.seeds.len() {
+            return None;
+        }
+        let place = |seed: &u64| other.training_seeds.iter().position(|known| known == seed);
+        self.training_seeds.iter().map(place).collect()
+    }
+
+    /// Means in resamples of the scenes in which something was measured, which draw the seeds too.
+    fn resampled_means(&self, rng: &mut Rng) -> Vec<f64> {
+        // Scenes without a value are in no resample, as they are in no mean.
+        resampled(&self.measured(), rng, |scenes, rng| self.mean_of(scenes, rng))
+    }
+
+    /// The same for the difference from another over common scenes.
+    fn resampled_gaps(&self, other: &Self, common: &[usize], name: &str) -> Vec<f64> {
+        let mut rng = Rng::new(0, name, "bootstrap");
+        resampled(common, &mut rng, |scenes, rng| self.mean_of(scenes, rng) - other.mean_of(scenes, rng))
+    }
+
     /// Mean over seeds in a resample of scenes, which draws the seeds too.
     fn mean_of(&self, scenes: &[usize], rng: &mut Rng) -> f64 {
         let n = self.seeds.len();
@@ -154,7 +202,8 @@ impl Samples {
 
     /// The estimate of a metric; `None` if it was measured nowhere. `name` seeds the bootstrap.
     ///
-    /// The interval of a share with one seed is Wilson's. That of a median and of means is the bootstrap's.
+    /// The interval of a share with one seed is Wilson's. That of a share or mean with several seeds is from the components of
+    /// variance; those of shares end at 0 and 1. All others are the bootstrap's.
     pub fn estimate(&self, aggregate: Aggregate, name: &str) -> Option<Estimate> {
         let n = self.n();
         if n == 0 {
@@ -177,8 +226,15 @@ impl Samples {
             return interval(median(&scenes), n, &drawn);
         }
         let value = statistics::mean(&self.by_seed())?;
-        // Scenes without a value are in no resample, as they are in no mean.
-        let drawn = resampled(&self.measured(), &mut rng, |scenes, rng| self.mean_of(scenes, rng));
+        let is_linear = self.pools.is_empty() && aggregate != Aggregate::Pooled;
+        if let Some(spread) = Spread::of_mean(&self.linear(&self.measured())).filter(|_| is_linear) {
+            let half = spread.half_width();
+            let [low, high] = [value - half, value + half];
+            let ends =
+                if aggregate == Aggregate::Share { [low.max(0.0), high.min(1.0)] } else { [low, high] };
+            return Some(Estimate { value, low: ends[0], high: ends[1], n });
+        }
+        let drawn = self.resampled_means(&mut rng);
         if aggregate == Aggregate::Pooled {
             return pooled::interval(value, n, &drawn);
         }
@@ -199,14 +255,15 @@ impl Samples {
         let over =
             |of: &Self| -> Vec<f64> { (0..of.seeds.len()).map(|seed| of.of_seed(seed, &common)).collect() };
         let (a, b) = (over(self), over(other));
-        let mut rng = Rng::new(0, name, "bootstrap");
-        let drawn = resampled(&common, &mut rng, |scenes, rng| {
-            self.mean_of(scenes, rng) - other.mean_of(scenes, rng)
-        });
         let value = statistics::mean(&a)? - statistics::mean(&b)?;
-        let share = |is: fn(&f64) -> bool| drawn.iter().filter(|d| is(d)).count() as f64 / RESAMPLES as f64;
-        let p = (2.0 * share(|d| *d <= 0.0).min(share(|d| *d >= 0.0))).clamp(1.0 / RESAMPLES as f64, 1.0);
-        let variance = deviation(&a).zip(deviation(&b)).map(|(x, y)| x * x + y * y);
+        let pairs = self.same_seeds(other);
+        let variance = match &pairs {
+            Some(pairs) => {
+                let gaps: Vec<f64> = a.iter().zip(pairs).map(|(a, k)| a - b[*k]).collect();
+                deviation(&gaps).map(|x| x * x)
+            }
+            None => deviation(&a).zip(deviation(&b)).map(|(x, y)| x * x + y * y),
+        };
         let seeds_needed = variance
             .filter(|_| value != 0.0)
             .map(|variance| (QUANTILES.powi(2) * variance / value.powi(2)).ceil().max(2.0) as u64);
@@ -214,7 +271,34 @@ impl Samples {
             let gap = |k: usize| ratio(self.seeds[0][k]) - ratio(other.seeds[0][k]);
             [1.0, -1.0].map(|sign| common.iter().filter(|k| sign * gap(**k) > 1e-9).count())
         });
-        Some(Difference { estimate: interval(value, common.len(), &drawn)?, larger, p, seeds_needed })
+        let least = 1.0 / RESAMPLES as f64;
+        let n = common.len();
+        let (estimate, p) = match self.spread_of_gap(other, pairs.as_deref(), &common) {
+            Some(spread) => {
+                let half = spread.half_width();
+                (Estimate { value, low: value - half, high: value + half, n }, spread.p(value, least))
+            }
+            None => {
+                let drawn = self.resampled_gaps(other, &common, name);
+                let share =
+                    |is: fn(&f64) -> bool| drawn.iter().filter(|d| is(d)).count() as f64 / RESAMPLES as f64;
+                let p = (2.0 * share(|d| *d <= 0.0).min(share(|d| *d >= 0.0))).clamp(least, 1.0);
+                (interval(value, n, &drawn)?, p)
+            }
+        };
+        Some(Difference { estimate, larger, p, seeds_needed })
+    }
+
+    /// Spread of the difference from another over common scenes, with seeds in pairs if they are the same; `None` with one seed
+    /// each and for distances of pooled samples.
+    fn spread_of_gap(&self, other: &Self, pairs: Option<&[usize]>, common: &[usize]) -> Option<Spread> {
+        if !self.pools.is_empty() || !other.pools.is_empty() {
+            return None;
+        }
+        let (a, b) = (self.linear(common), other.linear(common));
+        let Some(pairs) = pairs else { return Spread::of_difference(&a, &b) };
+        let gaps = |(a, k): (&Vec<f64>, &usize)| a.iter().zip(&b[*k]).map(|(a, b)| a - b).collect();
+        Spread::of_mean(&a.iter().zip(pairs).map(gaps).collect())
     }
 }
 
@@ -228,93 +312,4 @@ pub fn holm(ps: &[f64]) -> Vec<f64> {
         corrected[k] = largest;
     }
     corrected
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_mean_leaves_out_what_was_not_measured() {
-        let samples = Samples::of([Some(1.0), None, Some(4.0), Some(4.0)]);
-        let e = samples.estimate(Aggregate::Mean, "x").unwrap();
-        assert_eq!((e.value, e.n), (3.0, 3));
-        assert!(e.low >= 1.0 && e.low < 3.0 && e.high > 3.0 && e.high <= 4.0, "{e:?}");
-        let e = samples.estimate(Aggregate::Median, "x").unwrap();
-        assert_eq!((e.value, e.n), (4.0, 3));
-        assert!(Samples::of([None, None]).estimate(Aggregate::Mean, "x").is_none());
-    }
-
-    #[test]
-    fn the_interval_of_a_share_is_wilsons() {
-        // 3 of 4: centre (0.75 + z²/8)/(1 + z²/4) with z = 1.96 is 0.627, half width 0.327.
-        let samples = Samples::of([Some(1.0), Some(1.0), Some(0.0), Some(1.0), None]);
-        let e = samples.estimate(Aggregate::Share, "x").unwrap();
-        assert_eq!((e.value, e.n), (0.75, 4));
-        assert!((e.low - 0.3006).abs() < 1e-4 && (e.high - 0.9544).abs() < 1e-4, "{e:?}");
-    }
-
-    #[test]
-    fn weights_are_those_of_the_scenes() {
-        // Speeds 2 over 10 steps and 8 over 30 steps: (20 + 240)/40.
-        let samples = Samples { seeds: vec![vec![[20.0, 10.0], [240.0, 30.0]]], ..Samples::default() };
-        assert_eq!(samples.estimate(Aggregate::Mean, "x").unwrap().value, 6.5);
-    }
-
-    #[test]
-    fn seeds_are_averaged_after_their_scenes() {
-        let seeds = vec![vec![[1.0, 1.0], [0.0, 1.0]], vec![[1.0, 1.0], [1.0, 1.0]]];
-        let samples = Samples { seeds, ..Samples::default() };
-        let e = samples.estimate(Aggregate::Share, "x").unwrap();
-        assert_eq!((e.value, e.n), (0.75, 2));
-        // Seed values 0.5 and 1: deviation 0.5/√2.
-        assert!((samples.deviation().unwrap() - 0.125f64.sqrt()).abs() < 1e-12);
-    }
-
-    #[test]
-    fn differences_are_paired_by_scene() {
-        let a = Samples::of([Some(10.0), Some(21.0), Some(32.0), None]);
-        let b = Samples::of([Some(9.0), Some(20.0), Some(31.0), Some(99.0)]);
-        let d = a.less(&b, "x").unwrap();
-        // The same in every common scene, so without any spread.
-        assert_eq!((d.estimate.value, d.estimate.low, d.estimate.high, d.estimate.n), (1.0, 1.0, 1.0, 3));
-        assert_eq!((d.larger, d.seeds_needed), (Some([3, 0]), None));
-        assert_eq!(d.p, 1.0 / RESAMPLES as f64);
-        assert!(a.less(&Samples::of([None, None, None, Some(1.0)]), "x").is_none());
-    }
-
-    #[test]
-    fn the_seeds_that_are_needed_follow_from_both_deviations() {
-        let method = |values: [f64; 2]| Samples {
-            seeds: values.map(|v| vec![[v, 1.0]]).to_vec(),
-            ..Samples::default()
-        };
-        // Deviations 0.1/√2 each: variance 0.01; (2.8016)² · 0.01/0.2² = 1.96, at least 2.
-        let d = method([0.5, 0.6]).less(&method([0.3, 0.4]), "x").unwrap();
-        assert!((d.estimate.value - 0.2).abs() < 1e-12);
-        assert_eq!(d.seeds_needed, Some(2));
-        // With a difference of 0.05 it is 31.4.
-        let d = method([0.35, 0.45]).less(&method([0.3, 0.4]), "x").unwrap();
-        assert_eq!(d.seeds_needed, Some(32));
-    }
-
-    #[test]
-    fn holm_multiplies_by_what_is_left() {
-        assert_eq!(holm(&[0.01, 0.04, 0.03]), [0.03, 0.06, 0.06]);
-        assert_eq!(holm(&[0.6, 0.9]), [1.0, 1.0]);
-    }
-
-    #[test]
-    fn intervals_cover_at_their_level() {
-        // 300 samples of 40 uniform values: 95 % of the intervals hold 0.5, up to sampling.
-        let held = (0..300)
-            .filter(|k| {
-                let mut rng = Rng::new(*k, "values", "test");
-                let samples = Samples::of((0..40).map(|_| Some(rng.uniform(0.0, 1.0))));
-                let e = samples.estimate(Aggregate::Mean, "x").unwrap();
-                (e.low..=e.high).contains(&0.5)
-            })
-            .count();
-        assert!((270..=298).contains(&held), "{held} of 300");
-    }
 }

@@ -187,7 +187,8 @@ impl Results {
         }
         let has_agents = self.cells.iter().flatten().any(|cell| cell.key == method && !cell.agent.is_empty());
         let agents = has_agents.then(|| values.iter().map(Vec::len).sum());
-        Samples { seeds: sums, values, agents, ..Samples::default() }.with_pools(&pools)
+        let training_seeds = seeds.into_iter().flatten().collect();
+        Samples { seeds: sums, training_seeds, values, agents, ..Samples::default() }.with_pools(&pools)
     }
 
     /// Number of scenes in which the method of a key failed.
@@ -312,6 +313,7 @@ mod tests {
         let samples = results.samples(0, 0);
         // Scene a, seed 1: 2 · 10 + 4 · 30 over 40 steps.
         assert_eq!(samples.seeds, [[[140.0, 40.0], [120.0, 20.0]], [[1.0, 1.0], [1.0, 1.0]]]);
+        assert_eq!(samples.training_seeds, [1, 2]);
         assert_eq!(results.failed(0), 1);
     }
 

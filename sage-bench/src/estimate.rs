@@ -228,11 +228,11 @@ impl Samples {
         let value = statistics::mean(&self.by_seed())?;
         let is_linear = self.pools.is_empty() && aggregate != Aggregate::Pooled;
         if let Some(spread) = Spread::of_mean(&self.linear(&self.measured())).filter(|_| is_linear) {
-            let half = spread.half_width();
-            let [low, high] = [value - half, value + half];
-            let ends =
-                if aggregate == Aggregate::Share { [low.max(0.0), high.min(1.0)] } else { [low, high] };
-            return Some(Estimate { value, low: ends[0], high: ends[1], n });
+            let [low, high] = match aggregate {
+                Aggregate::Share => spread.of_share(value, self.measured().len()),
+                _ => [value - spread.half_width(), value + spread.half_width()],
+            };
+            return Some(Estimate { value, low, high, n });
         }
         let drawn = self.resampled_means(&mut rng);
         if aggregate == Aggregate::Pooled {

@@ -6,6 +6,8 @@
 //! degrees of freedom are those of Satterthwaite (1946). Two methods with the same scenes but other seeds share the term of
 //! scenes, that of the difference in each scene, and have terms of seeds and of what is left of their own.
 
+use sage_core::statistics::wilson;
+
 use super::student;
 
 /// Values by seed, then by scene.
@@ -74,14 +76,25 @@ impl Spread {
         let of_scenes = if n > 1.0 { squares(&scenes) / ((n - 1.0) * n) } else { 0.0 };
         let seeds: Vec<[(f64, f64); 2]> = tables.iter().map(|values| of_seeds(values)).collect();
         let terms = || std::iter::once((of_scenes, n - 1.0)).chain(seeds.iter().copied().flatten());
-        // The variance is at least what scenes alone or seeds alone show: no component is below 0.
-        let floor = of_scenes.max(seeds.iter().map(|[(seeds, _), _]| seeds).sum());
-        let variance = terms().map(|(term, _)| term).sum::<f64>().max(floor);
-        let uncertain = terms().filter(|(_, free)| *free > 0.0).map(|(term, free)| term * term / free);
-        let freedom = variance * variance / uncertain.sum::<f64>();
+        let alone = Self::sum(std::iter::once((of_scenes, n - 1.0)));
+        let seeds_alone = Self::sum(seeds.iter().map(|[seeds, _]| *seeds));
+        // The variance is at least what scenes alone or seeds alone show, since no component is below 0. The degrees of
+        // freedom are then theirs: with those of all terms the intervals of five seeds are wider than need be.
+        let spread = [alone, seeds_alone]
+            .into_iter()
+            .fold(Self::sum(terms()), |most, one| if one.variance >= most.variance { one } else { most });
+        (!scenes.is_empty()).then_some(spread)
+    }
+
+    /// Satterthwaite's degrees of freedom of a sum of terms, each with its own.
+    fn sum(terms: impl Iterator<Item = (f64, f64)>) -> Self {
+        let of_term = |(variance, uncertain): (f64, f64), (term, free): (f64, f64)| {
+            (variance + term, uncertain + if free > 0.0 { term * term / free } else { 0.0 })
+        };
+        let (variance, uncertain) = terms.fold((0.0, 0.0), of_term);
         // Without any spread there are no degrees of freedom to be told.
-        let freedom = if freedom.is_finite() { freedom } else { 1.0 };
-        (!scenes.is_empty()).then_some(Self { variance, freedom })
+        let freedom = if uncertain > 0.0 { variance * variance / uncertain } else { 1.0 };
+        Self { variance, freedom }
     }
 
     /// Half-width of the 95 % interval.
@@ -91,6 +104,22 @@ impl Spread {
         } else {
             0.0
         }
+    }
+
+    /// The 95 % interval of a share over scenes: Wilson's with as many cases as give this variance, and t for the normal
+    /// quantile (Dean and Pagano, *Journal of Survey Statistics and Methodology*, 2015), as shares near 0 and 1 are skewed. If
+    /// all outcomes are one, each scene counts once, since seeds may do the same in it.
+    pub fn of_share(&self, share: f64, scenes: usize) -> [f64; 2] {
+        let binomial = share * (1.0 - share);
+        if !(binomial > 0.0) {
+            let held = if share < 0.5 { 0 } else { scenes };
+            return wilson(held, scenes).map_or([share; 2], |e| [e.low, e.high]);
+        }
+        let half = self.half_width();
+        let excess = half * half / binomial;
+        let centre = (share + 0.5 * excess) / (1.0 + excess);
+        let half = half.hypot(0.5 * excess) / (1.0 + excess);
+        [(centre - half).max(0.0), (centre + half).min(1.0)]
     }
 
     /// Two-sided p-value of a value against 0. Without any spread it is that of the least that is told.

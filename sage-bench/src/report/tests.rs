@@ -1,4 +1,5 @@
-//! Tests of expected differences between arms: hierarchical bootstrap, corrected by Holm's method within a family.
+//! Tests of expected differences between arms: t tests over seeds and scenes (a bootstrap of scenes with one seed), corrected by
+//! Holm's method within a family.
 
 use anyhow::{Context as _, Result};
 
@@ -119,7 +120,7 @@ fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
     let heads =
         ["difference", "expected", "value", "p", "seeds needed", "verdict"].map(str::to_owned).to_vec();
     let title = format!(
-        "{}. Differences are paired by scene; p is corrected by Holm's method over the rows. Seeds: per method, for a power of 0.8:",
+        "{}. Differences are paired by scene, and by seed where both have the same; p is corrected by Holm's method over the rows. Seeds: per method, for a power of 0.8:",
         family.title
     );
     Ok(Some(Table { title, heads, rows: rows.into_iter().zip(corrected).map(row).collect(), names: 1 }))

@@ -5,6 +5,22 @@
 //! mean squares of seeds, scenes and what is left (Searle, Casella and McCulloch, *Variance Components*, 1992, ch. 4). The
 //! degrees of freedom are those of Satterthwaite (1946). Two methods with the same scenes but other seeds share the term of
 //! scenes, that of the difference in each scene, and have terms of seeds and of what is left of their own.
+//!
+//! A bootstrap that draws seeds and scenes counts what is left twice. Share of the 95 % intervals that hold the true value in the
+//! tables of `coverage.rs` with 60 scenes (2 000 tables for the bootstrap, 20 000 for the components), with 5, 8 and 20 seeds:
+//!
+//! | | bootstrap | components |
+//! |---|---|---|
+//! | mean | 0.959, 0.961, 0.950 | 0.951, 0.951, 0.950 |
+//! | share | 0.956, 0.958, 0.949 | 0.957, 0.956, 0.955 |
+//! | mean with weights | 0.966, 0.962, 0.961 | 0.950, 0.947, 0.947 |
+//! | difference, by scene | 0.979, 0.972, 0.966 | 0.954, 0.953, 0.951 |
+//! | difference, by scene and seed | 0.990, 0.989, 0.978 | 0.955, 0.954, 0.951 |
+//! | difference of shares, by scene | 0.984, 0.989, 0.996 | 0.956, 0.956, 0.956 |
+//!
+//! The components' intervals hold it more often if seeds and scenes hardly differ (0.975 with 5 seeds, noise alone), and less
+//! often with two seeds (0.940) or if a share is decided by few scenes that a table may not have (0.85 with a probability of 0.9
+//! in one of 50 scenes and 0.05 in the others, with 20 seeds; the bootstrap has 0.93).
 
 use sage_core::statistics::wilson;
 

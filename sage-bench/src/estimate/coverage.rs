@@ -18,7 +18,7 @@ struct Made {
 enum Kind {
     /// Normal values.
     Normal,
-    /// Outcomes 0 and 1: in a tenth more than this share of the scenes the probability is 0.9, in the others 0.05.
+    /// Outcomes 0 and 1: in this share of the scenes the probability is 0.9, in the others 0.05.
     Outcomes(f64),
     /// Normal values of scenes with weights, of which a fifth is 0.
     Weighted,
@@ -35,7 +35,7 @@ const OUTCOMES_GAP: Made = Made { gap: Some(0.0), ..OUTCOMES };
 const NOISE: Made = Made { parts: [0.0, 0.0, 0.35], ..MEAN };
 const SAME_SEEDS: Made = Made { parts: [0.0, 0.3, 0.35], ..MEAN };
 
-/// A table of one method or two; the true mean is the first value, the true difference is 0.
+/// A table of one method or two, with the true mean, or the true difference, 0.
 fn made(of: Made, [seeds, scenes]: [usize; 2], rng: &mut Rng) -> (f64, Vec<Samples>) {
     let normal = |rng: &mut Rng, size: f64| size * rng.normal();
     let polar = |rng: &mut Rng, share: f64| if rng.unit() < share { 0.9 } else { 0.05 };
@@ -136,23 +136,24 @@ const EDGES: [(&str, Made, [usize; 2]); 8] = [
 
 #[test]
 fn intervals_of_seeds_cover_at_their_level() {
-    // Of 600 tables 95 % are missed by 3 % with a probability of 0.001.
+    // Three points are more than three standard errors with 600 tables.
     for (name, of) in SETTINGS {
         let [held, _] = coverage(600, of, [8, 60], |of, methods, _| mended(of, methods));
         assert!((0.92..=0.98).contains(&held), "{name}: {held}");
     }
 }
 
-/// Before and after, 2000 tables per setting and size.
+/// Before and after. The standard error of a coverage is 0.005 with 2000 tables, for the bootstrap, and 0.0015 with 20 000:
+/// 2000 are too few to tell 0.95 from 0.96 in each of 18 settings.
 #[test]
 #[ignore = "two minutes"]
 fn intervals_of_seeds_cover_exactly() {
-    const TABLES: u64 = 2000;
+    const TABLES: u64 = 20_000;
     let mut missed = Vec::new();
     let settings = SETTINGS.iter().flat_map(|(name, of)| SIZES.map(|size| (*name, *of, size, true)));
     let edges = EDGES.iter().map(|(name, of, size)| (*name, *of, *size, false));
     for (name, of, size, is_exact) in settings.chain(edges) {
-        let before = coverage(TABLES, of, size, |_, methods, name| bootstrapped(methods, name));
+        let before = coverage(TABLES / 10, of, size, |_, methods, name| bootstrapped(methods, name));
         let after = coverage(TABLES, of, size, |of, methods, _| mended(of, methods));
         println!("{name}, {size:?}: bootstrap {before:.4?}, components {after:.4?}");
         if is_exact && !(0.94..=0.96).contains(&after[0]) {
@@ -163,7 +164,7 @@ fn intervals_of_seeds_cover_exactly() {
 }
 
 /// Tables to which seeds are added until the interval is narrow: coverage, and the mean number of seeds.
-fn coverage_when_stopped(tables: u64, of: Made, scenes: usize) -> [f64; 2] {
+fn coverage_when_stopped(tables: u64, of: Made, scenes: usize, least: usize) -> [f64; 2] {
     let one = |k: u64| {
         let (truth, methods) = made(of, [MOST_SEEDS, scenes], &mut Rng::new(k, "tables", "stopping"));
         let first = |n: usize| -> Vec<Samples> {
@@ -174,7 +175,7 @@ fn coverage_when_stopped(tables: u64, of: Made, scenes: usize) -> [f64; 2] {
             };
             methods.iter().map(cut).collect()
         };
-        let mut n = 2;
+        let mut n = least;
         let mut e = mended(of, &first(n));
         while adds_a_seed(n, &e) {
             n += 1;
@@ -194,8 +195,12 @@ fn stopping_at_a_half_width_keeps_the_coverage() {
         ("seeds and scenes differ", Made { parts: [0.03, 0.08, 0.35], ..MEAN }),
         ("difference, by seed", Made { parts: [0.02, 0.0, 0.25], gap: Some(0.06), ..BY_SEED }),
     ];
-    let all = settings.map(|(name, of)| (name, coverage_when_stopped(4000, of, 200)));
-    println!("{all:.4?}");
-    // Stopping favours tables whose seeds seem to differ little.
-    assert!(all.iter().all(|(_, [held, _])| (0.92..=0.97).contains(held)), "{all:?}");
+    for (name, of) in settings {
+        for least in [LEAST_SEEDS, 10] {
+            let [held, seeds] = coverage_when_stopped(4000, of, 200, least);
+            println!("{name}, from {least} seeds on: {held:.4} with {seeds:.1} seeds");
+            // Stopping favours tables whose seeds seem to differ little, which costs two points.
+            assert!((0.92..=0.96).contains(&held), "{name}: {held}");
+        }
+    }
 }

@@ -11,6 +11,10 @@ pub const HALF_WIDTH: f64 = 0.02;
 
 /// Whether a study adds a seed: until the half-width of the interval of its primary measure is at most [`HALF_WIDTH`], or there
 /// are [`MOST_SEEDS`] seeds. The rule does not look at the value, so that it does not stop at what is significant.
+///
+/// It still stops earlier where seeds seem to differ less than they do: in 4 000 tables of each of three settings, 93 % of the
+/// final 95 % intervals hold the true value (92.9, 92.9 and 93.2 %). If the interval is first looked at with 10 seeds, 94.2, 93.1
+/// and 94.0 % do.
 pub fn adds_a_seed(seeds: usize, primary: &Estimate) -> bool {
     let half_width = 0.5 * (primary.high - primary.low);
     seeds < MOST_SEEDS && (seeds < LEAST_SEEDS || !(half_width <= HALF_WIDTH))

@@ -81,3 +81,48 @@ fn intervals_cover_at_their_level() {
         .count();
     assert!((270..=298).contains(&held), "{held} of 300");
 }
+
+#[test]
+fn differences_of_the_same_seeds_are_paired_by_seed() {
+    let method = |seeds: [u64; 3], values: [f64; 3]| Samples {
+        seeds: values.map(|v| vec![[v, 1.0], [v + 1.0, 1.0]]).to_vec(),
+        training_seeds: seeds.to_vec(),
+        ..Samples::default()
+    };
+    let a = method([1, 2, 3], [0.5, 1.5, 4.0]);
+    // Differences of 0.5, 0.5 and 0.8 in both scenes, whatever the order of the seeds.
+    let d = a.less(&method([3, 1, 2], [3.2, 0.0, 1.0]), "x").unwrap();
+    // Their mean is 0.6 and its variance 0.03/3 with 2 degrees of freedom.
+    assert!((d.estimate.value - 0.6).abs() < 1e-12);
+    assert!((d.estimate.high - d.estimate.value - 4.302_65 * 0.1).abs() < 1e-5, "{d:?}");
+    // t = 6: 1 − 6/√38.
+    assert!((d.p - (1.0 - 6.0 / 38f64.sqrt())).abs() < 1e-9, "{d:?}");
+    // (2.8016)² · 0.03/0.36 is below 1, at least 2.
+    assert_eq!(d.seeds_needed, Some(2));
+    // Other seeds: variances of seeds add.
+    let other = a.less(&method([3, 1, 4], [3.2, 0.0, 1.0]), "x").unwrap();
+    assert_eq!(other.estimate.value, d.estimate.value);
+    assert!(other.estimate.high > 3.0 && other.p > 0.5, "{other:?}");
+}
+
+#[test]
+fn a_share_of_several_seeds_without_any_case_has_a_width() {
+    let samples = |value: f64| Samples { seeds: vec![vec![[value, 1.0]; 60]; 5], ..Samples::default() };
+    // Wilson's of 0 in 60 scenes: up to z²/(60 + z²).
+    let none = samples(0.0).estimate(Aggregate::Share, "x").unwrap();
+    assert!(none.low == 0.0 && (none.high - 0.0602).abs() < 1e-4, "{none:?}");
+    let all = samples(1.0).estimate(Aggregate::Share, "x").unwrap();
+    assert!((all.low - 0.9398).abs() < 1e-4 && all.high > 1.0 - 1e-12, "{all:?}");
+}
+
+#[test]
+fn weights_of_several_seeds_are_those_of_the_scenes() {
+    // Values 2 and 4 with weights 1 and 3 in both seeds, and a scene without weight: a mean of 3.5 with linearised values
+    // 3.5 − 0.75 and 3.5 + 0.75.
+    let seed = vec![[2.0, 1.0], [0.0, 0.0], [12.0, 3.0]];
+    let samples = Samples { seeds: vec![seed.clone(), seed], ..Samples::default() };
+    assert_eq!(samples.linear(&[0, 2]), vec![vec![2.75, 4.25]; 2]);
+    let e = samples.estimate(Aggregate::Mean, "x").unwrap();
+    // Scenes alone differ: 0.75 with 1 degree of freedom.
+    assert!(e.value == 3.5 && (e.high - e.value - 12.706_2 * 0.75).abs() < 1e-3, "{e:?}");
+}

@@ -285,7 +285,7 @@ fn intervals(results: &Results) -> &'static str {
     if seeds.len() > 1 { INTERVALS_OF_SEEDS } else { INTERVALS }
 }
 
-const INTERVALS_OF_SEEDS: &str = "Brackets: 95 % intervals. Those of means and shares over several training seeds are t intervals by the components of variance of seeds and scenes, for runs from both as from larger populations; with one seed they are Wilson's for shares and a bootstrap over scenes for other values, and medians are bootstrapped over scenes. Differences are paired by scene, and by seed where both methods have the same. N: scenes or vehicles in which something was measured; in parentheses, where it is less for a column.\n";
+const INTERVALS_OF_SEEDS: &str = "Brackets: 95 % intervals: for means and shares over several training seeds from the components of variance of seeds and scenes, for shares with one seed Wilson's, for all other values bootstrapped. Differences are paired by scene, and by seed where both methods have the same seeds. N: scenes or vehicles in which something was measured; in parentheses, where it is less for a column.\n";
 const INTERVALS: &str = "Brackets: 95 % intervals, Wilson's for shares of scenes, bootstrap over scenes for other values; differences are paired by scene. N: scenes or vehicles in which something was measured; in parentheses, where it is less for a column.\n";
 
 /// `estimates.csv`: one row per method and metric.

@@ -10,7 +10,7 @@ use reference::Reference;
 use sage_core::seed::Rng;
 use sage_sim::{
     observation::LENGTH,
-    rl::{Learner, Td3Options, TransitionBatch},
+    rl::{Td3Learner, Td3Options, TransitionBatch},
 };
 
 fn random_batch(rows: usize) -> TransitionBatch<f32> {
@@ -29,7 +29,7 @@ fn random_batch(rows: usize) -> TransitionBatch<f32> {
 fn update(c: &mut Criterion) {
     let options = Td3Options::default();
     let mut learner =
-        Learner::<f32>::new(options.clone(), [LENGTH, 2], 0).expect("the defaults are in range");
+        Td3Learner::<f32>::new(options.clone(), [LENGTH, 2], 0).expect("the defaults are in range");
     let mut reference = Reference::of(&learner, None).expect("the learner has all tensors");
     let batch = random_batch(options.batch);
     let mut group = c.benchmark_group("td3 update");

@@ -159,6 +159,26 @@ pub fn names() -> Vec<String> {
     names
 }
 
+/// Turns an observation into that of the mirror image of the same scene: left and right change places. The same car, seen
+/// with its steering turned around, drives the mirror image.
+pub fn mirrored(numbers: &mut [f32; LENGTH]) {
+    // A beam to the left of the axis becomes one to the right.
+    let beams = |numbers: &mut [f32], own: usize| {
+        let count = numbers.len();
+        let before = numbers.to_vec();
+        for (k, x) in numbers.iter_mut().enumerate() {
+            *x = before[(2 * count + own - k) % count];
+        }
+    };
+    // The first line beam points to the left, the first of the lidar ahead: see `lines` and `lidar`.
+    beams(&mut numbers[..BEAMS], BEAMS / 2);
+    beams(&mut numbers[36..36 + LINE_BEAMS], LINE_BEAMS / 2);
+    beams(&mut numbers[71..], 0);
+    let sideways = [30, 32, 33, 35, 49, 54, 58].into_iter();
+    let of_vehicles = (0..NEAREST).flat_map(|k| [60 + 4 * k, 62 + 4 * k]);
+    sideways.chain(of_vehicles).for_each(|k| numbers[k] = 1.0 - numbers[k]);
+}
+
 /// What an observation needs besides the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Driving {

@@ -153,7 +153,7 @@ impl Action {
 }
 
 /// Motion of a car's centre.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Motion {
     /// Position, metres.
     pub position: Point,

@@ -98,7 +98,7 @@ fn save_trained(folder: &Path, options: &TrainingOptions) {
     let state = TrainingState::new(options, training.len()).expect("valid options");
     let mut run = Training::new(options.clone(), setting, state);
     run.advance(300, |_| ()).expect("nothing breaks");
-    run.state_mut().save(folder, "test").expect("written");
+    run.save(folder, "test").expect("written");
 }
 
 #[test]

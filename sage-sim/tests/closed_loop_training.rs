@@ -34,7 +34,7 @@ fn trained(options: &TrainingOptions, every: u64, resumes: bool) -> BTreeMap<Str
     let mut run = Training::new(options.clone(), setting(), state);
     while !run.is_done() {
         run.advance(run.state().counters().steps + every, |_| ()).expect("nothing breaks");
-        run.state_mut().save(folder.path(), "test").expect("written");
+        run.save(folder.path(), "test").expect("written");
         if resumes {
             // Rows of a kill between the rows and the checkpoint, and an unfinished file.
             for name in ["999999999999.rows", ".sage-killed.part"] {
@@ -45,7 +45,7 @@ fn trained(options: &TrainingOptions, every: u64, resumes: bool) -> BTreeMap<Str
             run = Training::new(options.clone(), setting(), state);
         }
     }
-    run.state_mut().save(folder.path(), "test").expect("written");
+    run.save(folder.path(), "test").expect("written");
     content(folder.path())
 }
 
@@ -134,7 +134,7 @@ fn stopped(options: &TrainingOptions, broken: Broken) -> String {
         });
     }
     let stop = run.advance(u64::MAX, |_| ()).expect_err("a run that breaks");
-    assert!(run.state().buffer_is_finite(), "something broken is in the buffer");
+    assert!(run.state().learner().is_finite(), "something broken is in the buffer");
     stop.to_string()
 }
 

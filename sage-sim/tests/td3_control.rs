@@ -1,7 +1,7 @@
 //! TD3 learns two control tasks in closed form as PyTorch's does (`td3_control_curve.json`).
 
 use sage_core::seed::Rng;
-use sage_sim::rl::{Learner, ReplayBuffer, SingleRow, Td3Options, Transition, TransitionBatch};
+use sage_sim::rl::{ReplayBuffer, SingleRow, Td3Learner, Td3Options, Transition, TransitionBatch};
 
 /// A task of control: two numbers of state, one action.
 struct Task {
@@ -68,7 +68,7 @@ fn train(task: &Task, seed: u64, limit_is_terminal: bool) -> f64 {
         ..Td3Options::default()
     };
     let sizes = [task.observation, 1];
-    let mut learner = Learner::<f32>::new(options.clone(), sizes, seed).expect("valid options");
+    let mut learner = Td3Learner::<f32>::new(options.clone(), sizes, seed).expect("valid options");
     let mut buffer = ReplayBuffer::new(task.steps, sizes);
     let rng = |purpose| Rng::new(seed, "control", purpose);
     let (mut starts, mut noise, mut rows) = (rng("starts"), rng("exploration"), rng("batch"));

@@ -5,7 +5,7 @@ mod td3;
 use std::path::Path;
 
 use sage_core::seed::Rng;
-use sage_sim::rl::{Learner, Real, Td3Options, TransitionBatch};
+use sage_sim::rl::{Real, Td3Learner, Td3Options, TransitionBatch};
 use td3::{
     fixture::Fixture,
     reference::{Mistake, Reference},
@@ -48,7 +48,7 @@ fn random_batch<T: Real>(options: &Td3Options, [o, a]: [usize; 2], rng: &mut Rng
 }
 
 /// Largest difference of any tensor between learner and reference.
-fn difference<T: Real>(learner: &Learner<T>, reference: &Reference) -> f64 {
+fn difference<T: Real>(learner: &Td3Learner<T>, reference: &Reference) -> f64 {
     let ours = learner.tensors();
     let theirs = reference.tensors();
     let mut worst = 0.0_f64;
@@ -75,7 +75,7 @@ fn after_updates<T: Real + candle_core::WithDType>(
     seed: u64,
     mistake: Option<Mistake>,
 ) -> f64 {
-    let mut learner = Learner::<T>::new(options.clone(), sizes, 5).expect("valid options");
+    let mut learner = Td3Learner::<T>::new(options.clone(), sizes, 5).expect("valid options");
     // Targets that differ from the online networks, by factors in this range, show more mistakes.
     let mut rng = Rng::new(seed, "update", "test");
     let moved = learner.tensors().into_iter().map(|tensor| {
@@ -136,8 +136,8 @@ fn the_update_has_the_published_values() {
     };
     let fixture = Fixture::read(&Path::new(&folder).join("fixtures/td3_update.safetensors"));
     let (options, sizes) = small();
-    let mut wide = Learner::<f64>::new(options.clone(), sizes, 0).expect("valid options");
+    let mut wide = Td3Learner::<f64>::new(options.clone(), sizes, 0).expect("valid options");
     fixture.check("f64", &mut wide, 1e-12);
-    let mut narrow = Learner::<f32>::new(options, sizes, 0).expect("valid options");
+    let mut narrow = Td3Learner::<f32>::new(options, sizes, 0).expect("valid options");
     fixture.check("f32", &mut narrow, 1e-6);
 }

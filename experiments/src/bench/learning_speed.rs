@@ -9,7 +9,7 @@ use sage_sim::{
     SimScene,
     observation::LENGTH,
     rl::{
-        Learner, ReplayBuffer, Setting, SingleRow, Td3Options, Training, TrainingOptions, TrainingState,
+        ReplayBuffer, Setting, SingleRow, Td3Learner, Td3Options, Training, TrainingOptions, TrainingState,
         Transition, TransitionBatch, curriculum::curricula, scene_sampler::scene_samplers,
     },
 };
@@ -31,7 +31,7 @@ const SCENES: u64 = 14;
 pub(super) fn run(repeat: usize, report: &mut impl FnMut(Timing) -> Result<()>) -> Result<()> {
     let options = Td3Options::default();
     let mut learner =
-        Learner::<f32>::new(options.clone(), [LENGTH, 2], 0).map_err(|problem| anyhow!(problem))?;
+        Td3Learner::<f32>::new(options.clone(), [LENGTH, 2], 0).map_err(|problem| anyhow!(problem))?;
     let buffer = filled();
     let mut batch = TransitionBatch::new(options.batch, LENGTH, 2);
     let (mut rows, mut noise) = (Rng::new(0, "speed", "batch"), Rng::new(0, "speed", "noise"));

@@ -19,7 +19,7 @@ use sage_bench::study::in_one_line;
 use sage_core::{files, scene::SceneData};
 use sage_sim::{
     SimScene,
-    rl::{BUFFER, CHECKPOINT, TrainingOptions},
+    rl::{Algorithm, BUFFER, CHECKPOINT, TrainingOptions},
 };
 use serde_json::{Map, Value, json};
 
@@ -39,8 +39,17 @@ use crate::{
 /// Name for no generator.
 const NONE: &str = "none";
 /// Options of a run that are options of the command, not of its configuration.
-const OWN_OPTIONS: [(&str, &str); 4] =
-    [("updates", "--updates"), ("ratio", "--ratio"), ("evaluations", "--evaluations"), ("seed", "--seeds")];
+const OWN_OPTIONS: [(&str, &str); 7] = [
+    ("algorithm", "--learner"),
+    ("updates", "--updates"),
+    ("ratio", "--ratio"),
+    ("ppo_steps", "--steps"),
+    ("mirrored", "--mirrored"),
+    ("evaluations", "--evaluations"),
+    ("seed", "--seeds"),
+];
+/// Steps between two checkpoints where none are given: the buffer of TD3 grows with each, and PPO is many times faster.
+const CHECKPOINT_EVERY: [(Algorithm, u64); 2] = [(Algorithm::Td3, 5000), (Algorithm::Ppo, 200_000)];
 /// Size limit of a configuration, bytes.
 const MAX_CONFIG: u64 = 1 << 20;
 /// Procedural scenes of the evaluation have this seed, those of the training have 0.
@@ -60,6 +69,8 @@ struct Shared<'a> {
     attacker: Option<BuiltGenerator>,
     examiner: Option<BuiltGenerator>,
     options: TrainingOptions,
+    /// Steps between two checkpoints.
+    checkpoint_every: u64,
     columns: Columns,
     /// Name and hashes of the attacker's weights.
     weights: Value,
@@ -101,12 +112,14 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         scenes(&args.eval, &every, args.procedural.div_ceil(3), EVALUATION_SEED, needs_adversary)?;
     refuse_overlap(args, &training, &evaluation)?;
     let hashes = [&training, &evaluation].map(|data| scenes::describe(data));
+    let usual = CHECKPOINT_EVERY.iter().find(|(algorithm, _)| *algorithm == options.algorithm);
+    let checkpoint_every = args.checkpoint_every.or(usual.map(|(_, every)| *every)).unwrap_or(5000);
     let identity = json!({
         "command": "train-ego", "options": options, "generator": args.method.to_string(),
         "evaluation_generator": args.eval_method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
         "weights": used,
-        "scenes": hashes[0], "evaluation_scenes": hashes[1], "checkpoint_every": args.checkpoint_every,
+        "scenes": hashes[0], "evaluation_scenes": hashes[1], "checkpoint_every": checkpoint_every,
         "seeds": [args.seeds.start, args.seeds.end], "program": output::program(),
     });
     let own = if args.paths.is_empty() { OWN_LICENSE } else { DATA_LICENSE };
@@ -120,6 +133,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         attacker,
         examiner,
         options,
+        checkpoint_every,
         weights: if of_attacker { used } else { Value::Null },
         identity,
         license: args.license.clone().unwrap_or_else(|| own.to_owned()),
@@ -170,8 +184,24 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
     }
     let rare: TrainingOptions =
         serde_json::from_value(Value::Object(given)).with_context(|| format!("`{name}`"))?;
-    let TrainEgoArgs { updates, ratio, evaluations, .. } = *args;
-    let options = TrainingOptions { updates, ratio, evaluations, seed: 0, ..rare };
+    let TrainEgoArgs { evaluations, mirrored, .. } = *args;
+    let algorithm = args.learner.algorithm();
+    let of_other = match algorithm {
+        Algorithm::Td3 => [("--steps", args.steps.is_some())].to_vec(),
+        Algorithm::Ppo => [("--updates", args.updates.is_some()), ("--ratio", args.ratio.is_some())].to_vec(),
+    };
+    if let Some((option, _)) = of_other.into_iter().find(|(_, is_given)| *is_given) {
+        let (name, other) = match algorithm {
+            Algorithm::Td3 => ("td3", "--updates and --ratio"),
+            Algorithm::Ppo => ("ppo", "--steps"),
+        };
+        bail!("{option} is no option of `--learner {name}`; its length is given by {other}");
+    }
+    let defaults = TrainingOptions::default();
+    let (updates, ratio) = (args.updates.unwrap_or(defaults.updates), args.ratio.unwrap_or(defaults.ratio));
+    let ppo_steps = args.steps.unwrap_or(defaults.ppo_steps);
+    let options =
+        TrainingOptions { algorithm, updates, ratio, ppo_steps, mirrored, evaluations, seed: 0, ..rare };
     options.check().map_err(|problem| anyhow!(problem))?;
     Ok(options)
 }

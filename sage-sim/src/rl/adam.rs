@@ -1,6 +1,21 @@
 //! Adam (Kingma and Ba 2015), with the move of the target network in the same pass over the weights.
 
-use super::{Td3Options, kernels::Real};
+use super::kernels::Real;
+
+/// Adam's numbers that stay.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Adam {
+    /// Decay of the first and second moments.
+    pub(super) betas: [f64; 2],
+    /// Term against division by zero.
+    pub(super) epsilon: f64,
+}
+
+/// The target network that follows, and the share τ of the online weights that it takes over.
+pub(super) struct Following<'a, T> {
+    pub(super) target: &'a mut [T],
+    pub(super) tau: f64,
+}
 
 /// Moments of one network's parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,14 +37,14 @@ struct Step<T> {
 }
 
 impl<T: Real> Step<T> {
-    fn new(rate: f64, step: u64, options: &Td3Options) -> Self {
-        let [beta1, beta2] = options.betas;
+    fn new(rate: f64, step: u64, adam: Adam) -> Self {
+        let [beta1, beta2] = adam.betas;
         let exponent = step as f64;
         Self {
             decays: [1.0 - beta1, beta2, 1.0 - beta2].map(T::of),
             rate: T::of(rate / (1.0 - beta1.powf(exponent))),
             root: T::of((1.0 - beta2.powf(exponent)).sqrt()),
-            epsilon: T::of(options.epsilon),
+            epsilon: T::of(adam.epsilon),
         }
     }
 
@@ -47,19 +62,21 @@ impl<T: Real> Moments<T> {
         Self { first: vec![T::default(); count], second: vec![T::default(); count] }
     }
 
-    /// Step number `step` (1 the first): `p ← p − rate/(1 − β₁ᵗ) · m / (√v/√(1 − β₂ᵗ) + ε)`. With `target`, it then
-    /// moves by `target ← τ p + (1 − τ) target`.
+    /// Step number `step` (1 the first): `p ← p − rate/(1 − β₁ᵗ) · m / (√v/√(1 − β₂ᵗ) + ε)`. With a target, it
+    /// then moves by `target ← τ p + (1 − τ) target`.
     pub(super) fn step(
         &mut self,
         parameters: &mut [T],
         gradient: &[T],
-        target: Option<&mut [T]>,
+        follows: Option<Following<T>>,
         rate: f64,
         step: u64,
-        options: &Td3Options,
+        adam: Adam,
     ) {
-        let step = Step::<T>::new(rate, step, options);
-        let (tau, rest) = (T::of(options.tau), T::of(1.0 - options.tau));
+        let step = Step::<T>::new(rate, step, adam);
+        let share = follows.as_ref().map_or(0.0, |follows| follows.tau);
+        let (tau, rest) = (T::of(share), T::of(1.0 - share));
+        let target = follows.map(|follows| follows.target);
         let (first, second) = (&mut self.first[..], &mut self.second[..]);
         pulp::Arch::new().dispatch(Pass { first, second, parameters, gradient, target, step, tau, rest });
     }
@@ -106,10 +123,11 @@ mod tests {
 
     #[test]
     fn the_first_step_has_the_size_of_the_rate_and_the_target_follows() {
-        let options = Td3Options { tau: 0.25, ..Td3Options::default() };
+        let adam = Adam { betas: [0.9, 0.999], epsilon: 1e-8 };
         let mut moments = Moments::new(2);
         let (mut p, mut target) = ([1.0_f64, 1.0], [0.0, 0.0]);
-        moments.step(&mut p, &[3.0, -0.1], Some(&mut target), 0.1, 1, &options);
+        let follows = Some(Following { target: &mut target, tau: 0.25 });
+        moments.step(&mut p, &[3.0, -0.1], follows, 0.1, 1, adam);
         assert!((p[0] - 0.9).abs() < 1e-8 && (p[1] - 1.1).abs() < 1e-7, "{p:?}");
         assert_eq!(target, [0.25 * p[0], 0.25 * p[1]]);
     }

@@ -1,5 +1,5 @@
-//! Checkpoints of a training run: `checkpoint.safetensors`, and the rows of the replay buffer beside it
-//! ([`super::buffer_log`]).
+//! Checkpoints of a training run: `checkpoint.safetensors`, and what the learner keeps beside it, such as the rows of a
+//! replay buffer.
 //!
 //! Saving writes the new rows to a file of their own and then replaces the checkpoint by renaming, so a kill at any time
 //! leaves a whole checkpoint with the rows that it needs.
@@ -14,10 +14,11 @@ use std::{
 use safetensors::{Dtype, SafeTensors};
 use sage_core::{content_hash::check_hash, files};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::{
     Counters, EpisodeRow, Evaluation, Network, SceneRecord, SuccessRates, TrainingOptions, TrainingState,
-    buffer_log::BufferLog,
+    running_episode::EpisodeRecord,
     tensor_file::{TensorBytes, hashed_tensors, write_tensors},
     training_state::StoredDrive,
 };
@@ -28,7 +29,7 @@ pub const CHECKPOINT: &str = "checkpoint.safetensors";
 /// Key of the record in the header.
 const KEY: &str = "checkpoint";
 /// What marks a file as a checkpoint of this format.
-const FORMAT: &str = "sage train-ego checkpoint 2";
+const FORMAT: &str = "sage train-ego checkpoint 3";
 /// Largest checkpoint that is read, bytes.
 const MAX_CHECKPOINT: u64 = 1 << 30;
 /// Most episodes that a run counts.
@@ -42,17 +43,15 @@ struct Record<'a> {
     format: Cow<'a, str>,
     /// What identifies the run.
     identity: Cow<'a, str>,
-    updates: u64,
-    /// Rows that were written to the buffer.
-    written: u64,
-    buffer: Cow<'a, BufferLog>,
+    /// What the learner adds to its tensors.
+    learner: Value,
+    /// The episodes in progress, by their place.
+    episodes: Cow<'a, [Option<EpisodeRecord>]>,
     /// For each stored drive: scene, step, number of motions; the newest of a scene first.
     drives: Vec<(usize, u64, usize)>,
     records: Cow<'a, [SceneRecord]>,
     success: Cow<'a, SuccessRates>,
     counters: Cow<'a, Counters>,
-    diverging: u32,
-    losses: [f64; 3],
     loss_curve: Cow<'a, [[f64; 3]]>,
     evaluations: Cow<'a, [Evaluation]>,
 }
@@ -62,7 +61,7 @@ impl TrainingState {
     ///
     /// *Errors*: as the system.
     pub fn save(&mut self, folder: &Path, identity: &str) -> io::Result<()> {
-        self.log.append(&self.buffer, folder)?;
+        self.learner.save_rows(folder)?;
         let mut drives = Vec::new();
         let mut motions: Vec<u8> = Vec::new();
         for (scene, stored) in self.drives.iter().enumerate() {
@@ -74,15 +73,12 @@ impl TrainingState {
         let record = Record {
             format: FORMAT.into(),
             identity: identity.into(),
-            updates: self.learner.updates(),
-            written: self.buffer.written(),
-            buffer: Cow::Borrowed(&self.log),
+            learner: self.learner.record(),
+            episodes: (&self.episodes).into(),
             drives,
             records: (&self.records).into(),
             success: Cow::Borrowed(&self.success),
             counters: Cow::Borrowed(&self.counters),
-            diverging: self.diverging,
-            losses: self.losses,
             loss_curve: (&self.loss_curve).into(),
             evaluations: (&self.evaluations).into(),
         };
@@ -98,7 +94,7 @@ impl TrainingState {
         let shape = vec![motions.len() / 8 / MOTION, MOTION];
         tensors.push(("drives".to_owned(), TensorBytes { dtype: Dtype::F64, shape, bytes: motions }));
         write_tensors(&folder.join(CHECKPOINT), &tensors, KEY, &record)?;
-        self.log.remove_others(folder)
+        self.learner.remove_old_rows(folder)
     }
 
     /// Reads the state of a folder; `None` if it has no checkpoint.
@@ -146,15 +142,12 @@ impl TrainingState {
             return Err(fail(format!("tensor `{}` holds a number that is not finite", name.escape_debug())));
         }
         let mut state = Self::new(options, scenes)?;
-        state.learner.set_tensors(&numbers, record.updates).map_err(&fail)?;
         let motions = file.tensor("drives").map_err(|error| damaged(&error))?;
         state.drives = stored_drives(&record.drives, motions.data(), scenes)
             .ok_or_else(|| fail("its stored drives do not fit the scenes".to_owned()))?;
         state.records = record.records.into_owned();
         state.success = record.success.into_owned();
         state.counters = record.counters.into_owned();
-        state.diverging = record.diverging;
-        state.losses = record.losses;
         state.loss_curve = record.loss_curve.into_owned();
         state.evaluations = record.evaluations.into_owned();
         let shape = *state.learner.actor().shape();
@@ -162,9 +155,12 @@ impl TrainingState {
             let actor = numbers.get(&format!("evaluated.{number}"));
             evaluation.actor = actor.and_then(|numbers| Network::of(shape, numbers.clone()));
         }
-        state.log = record.buffer.into_owned();
-        let read = state.log.read(&mut state.buffer, record.written, folder);
-        read.map_err(|problem| format!("{problem}; give --force to start again"))?;
+        state.episodes = record.episodes.into_owned();
+        let again = |problem: String| match problem.starts_with('`') {
+            true => format!("{problem}; give --force to start again"),
+            false => fail(problem),
+        };
+        state.learner.restore(&numbers, record.learner, folder).map_err(again)?;
         Ok(Some(state))
     }
 }
@@ -174,7 +170,6 @@ impl Record<'_> {
     fn check(&self, options: &TrainingOptions, scenes: usize) -> Result<(), String> {
         let counters = &self.counters;
         let limits = [
-            ("updates", self.updates, options.updates),
             ("counters.steps", counters.steps, options.steps()),
             // Every episode has at least one step; an episode that could not start is skipped.
             ("counters.episodes", counters.episodes, MOST_EPISODES),
@@ -183,9 +178,6 @@ impl Record<'_> {
             ("counters.unavoidable", counters.unavoidable, counters.episodes),
             ("counters.skipped", counters.skipped, MOST_EPISODES),
             ("counters.drive_age", counters.drive_age, MOST_EPISODES.saturating_mul(options.steps())),
-            // A row for each step, and one for the start of each episode.
-            ("written", self.written, options.steps().saturating_add(counters.episodes)),
-            ("diverging", self.diverging.into(), options.updates),
         ];
         for (name, found, most) in limits {
             if found > most {
@@ -201,7 +193,8 @@ impl Record<'_> {
         let checks = [
             ("records", self.records.iter().all(|record| record.visits <= MOST_EPISODES)),
             ("success", self.success.rates.iter().all(is_share)),
-            ("losses", is_finite(&self.losses)),
+            ("episodes", self.episodes.len() == options.slots() || self.episodes.is_empty()),
+            ("episodes", self.episodes.iter().flatten().all(|one| one.is_sound(scenes, options.max_steps))),
             ("loss_curve", self.loss_curve.len() as u64 <= options.evaluations),
             ("loss_curve", self.loss_curve.iter().all(|row| is_finite(row))),
             ("drives", self.drives.iter().all(|(_, step, _)| *step <= counters.steps)),

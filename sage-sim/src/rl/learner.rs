@@ -1,419 +1,108 @@
-//! One TD3 learner: networks, targets, optimisers, and the update from a batch.
-//!
-//! Update number k = 1, 2, …:
-//! 1. `y = r + (1 − d) γ min(Q₁', Q₂')(s', a')`, `a' = clip(π'(s') + clip(σ n, ±c), ±a_max)`, n standard normal.
-//! 2. One Adam step of both critics on `mean (Q₁ − y)² + mean (Q₂ − y)²`.
-//! 3. If `policy_delay` divides k: one Adam step of the actor on `−mean Q₁(s, π(s))`, with the critic after its step;
-//!    then all targets move by τ.
+//! The interface of what learns to drive from its own steps.
 
-#[cfg(test)]
-mod tests;
+use std::{collections::BTreeMap, io, path::Path};
 
-use std::collections::BTreeMap;
+use serde_json::Value;
 
-use sage_core::seed::Rng;
+use super::{NamedTensor, Network};
+use crate::observation::LENGTH;
 
-use super::{
-    Network, Shape, Td3Options,
-    adam::Moments,
-    kernels::{Real, join},
-    network::{Activations, HiddenGradients, SingleRow},
-};
-
-/// A network with its target and optimiser.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Trained<T> {
-    pub(super) online: Network<T>,
-    pub(super) target: Network<T>,
-    pub(super) moments: Moments<T>,
+/// A step that was driven.
+#[derive(Clone, Copy, Debug)]
+pub struct DrivenStep<'a> {
+    /// Number of the episode's place among those that take turns.
+    pub slot: usize,
+    /// Steps of the whole training, this one included.
+    pub steps: u64,
+    /// Action: steering and throttle.
+    pub action: [f32; 2],
+    /// Reward.
+    pub reward: f32,
+    /// Observation after the step.
+    pub next: &'a [f32; LENGTH],
+    /// Whether the episode ended by arrival or failure.
+    pub is_terminal: bool,
+    /// Whether the episode is over, for this reason or because it was cut off.
+    pub is_over: bool,
 }
 
-impl<T: Real> Trained<T> {
-    fn new(online: Network<T>) -> Self {
-        let moments = Moments::new(online.parameters().len());
-        Self { target: online.clone(), online, moments }
+/// Learns to drive from its own steps. Its random numbers depend on the seed and on numbers of steps and updates only, so
+/// that a training that resumes from a checkpoint needs no state of generators.
+pub trait Learner: Send {
+    /// Steps that an episode drives in a row before the next one has its turn.
+    fn turn(&self) -> u64;
+
+    /// Whether first episodes are cut off at different ages, so that later ones do not begin and end together.
+    fn staggers(&self) -> bool {
+        false
     }
-}
 
-/// A tensor of a learner.
-#[derive(Clone, Debug)]
-pub struct NamedTensor<'a, T> {
-    /// Name, such as `target.critic.q1.l2.weight`.
-    pub name: String,
-    /// Sizes of its axes.
-    pub shape: Vec<usize>,
-    /// Its numbers, row-major.
-    pub numbers: &'a [T],
-}
-
-/// Transitions of one update, as columns.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TransitionBatch<T> {
-    /// Observations, rows × observation size.
-    pub observations: Vec<T>,
-    /// Actions, rows × action size.
-    pub actions: Vec<T>,
-    /// Rewards.
-    pub rewards: Vec<T>,
-    /// Observations after the step.
-    pub next_observations: Vec<T>,
-    /// 1, or 0 where the step ended the episode by arrival or failure.
-    pub not_terminal: Vec<T>,
-    /// Standard normal draws for the noise of the target actions, rows × action size.
-    pub noise: Vec<T>,
-}
-
-impl<T: Real> TransitionBatch<T> {
-    /// A batch of zeros.
-    pub fn new(rows: usize, observation: usize, action: usize) -> Self {
-        let zeros = |width: usize| vec![T::default(); rows * width];
-        Self {
-            observations: zeros(observation),
-            actions: zeros(action),
-            rewards: zeros(1),
-            next_observations: zeros(observation),
-            not_terminal: zeros(1),
-            noise: zeros(action),
-        }
+    /// Whether a checkpoint may be written now.
+    fn may_be_saved(&self) -> bool {
+        true
     }
-}
 
-/// What an update shows about the learner.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UpdateReport {
-    /// Loss of the critics before the step.
-    pub critic_loss: f64,
-    /// Loss of the actor before its step, in the updates that have one.
-    pub actor_loss: Option<f64>,
-    /// Mean absolute value of the first critic over the batch, before the step.
-    pub mean_abs_q: f64,
-}
+    /// An episode begins with an observation.
+    fn begin(&mut self, slot: usize, observation: &[f32; LENGTH]);
 
-/// Working memory of an update. Both critics use the same, which leaves more of the cache to the weights.
-#[derive(Clone, Debug)]
-struct Scratch<T> {
-    actor: Activations<T>,
-    critic: Activations<T>,
-    joined: Vec<T>,
-    actions: Vec<T>,
-    targets: Vec<T>,
-    q_gradient: Vec<T>,
-    action_gradient: Vec<T>,
-    hidden: HiddenGradients<T>,
-    gradient: Vec<T>,
-}
+    /// The action for the observation of an episode, after so many steps of the whole training. What it explores is its
+    /// own matter.
+    fn act(&mut self, slot: usize, steps: u64, observation: &[f32; LENGTH]) -> [f32; 2];
 
-/// Gradient of the actor's loss with respect to the first numbers of each observation.
-#[derive(Clone, Debug)]
-struct InputGradient<T> {
-    columns: usize,
-    /// Rows × columns.
-    numbers: Vec<T>,
-    /// Whether it belongs to the last update.
-    is_current: bool,
-}
-
-/// A TD3 learner.
-#[derive(Clone, Debug)]
-pub struct Learner<T> {
-    options: Td3Options,
-    sizes: [usize; 2],
-    pub(super) actor: Trained<T>,
-    pub(super) critics: [Trained<T>; 2],
-    updates: u64,
-    scratch: Scratch<T>,
-    input_gradient: Option<InputGradient<T>>,
-}
-
-impl<T: Real> Learner<T> {
-    /// A learner with random initial weights for an observation and an action size.
+    /// Learns from the step that its last action led to.
     ///
-    /// *Errors*: as [`Td3Options::check`].
-    pub fn new(options: Td3Options, [observation, action]: [usize; 2], seed: u64) -> Result<Self, String> {
-        options.check()?;
-        if observation == 0 || action == 0 {
-            return Err(format!(
-                "{observation} observations and {action} actions; expected at least one of each"
-            ));
-        }
-        let network = |purpose, inputs, outputs| {
-            let shape = Shape { inputs, hidden: options.hidden, outputs };
-            Trained::new(Network::random(shape, &mut Rng::new(seed, "", purpose)))
-        };
-        let actor = network("actor", observation, action);
-        let critics = ["critic 1", "critic 2"].map(|purpose| network(purpose, observation + action, 1));
-        let (rows, q) = (options.batch, *critics[0].online.shape());
-        let zeros = |width: usize| vec![T::default(); rows * width];
-        let scratch = Scratch {
-            actor: Activations::new(rows, actor.online.shape()),
-            critic: Activations::new(rows, &q),
-            joined: zeros(observation + action),
-            actions: zeros(action),
-            targets: zeros(1),
-            q_gradient: zeros(1),
-            action_gradient: zeros(action),
-            hidden: HiddenGradients::new(rows, &q),
-            gradient: vec![T::default(); q.count().max(actor.online.shape().count())],
-        };
-        let sizes = [observation, action];
-        Ok(Self { options, sizes, actor, critics, updates: 0, scratch, input_gradient: None })
-    }
+    /// *Errors*: why the training cannot go on: a loss that is not finite, or values beyond all bounds.
+    fn learn(&mut self, step: &DrivenStep) -> Result<(), String>;
 
-    /// Computes, in the updates with a step of the actor, also the gradient of the actor's loss with respect to the
-    /// first `columns` numbers of each observation. It is the gradient through the actor alone: the observation that
-    /// the critic reads is taken as fixed. It trains an encoder before the actor, and changes no bit of the learner's
-    /// own training.
+    /// The policy as it is now, for observations as they are, without exploration.
+    fn actor(&self) -> Network<f32>;
+
+    /// Whether the actor has learnt anything after so many steps.
+    fn has_learnt(&self, steps: u64) -> bool;
+
+    /// Updates so far.
+    fn updates(&self) -> u64;
+
+    /// Mean loss of the critic and mean size of its values since the last call.
+    fn take_losses(&mut self) -> [f64; 2];
+
+    /// Name of the first tensor with a number that is not finite.
+    fn not_finite(&self) -> Option<String>;
+
+    /// All tensors that change.
+    fn tensors(&self) -> Vec<NamedTensor<'_, f32>>;
+
+    /// Everything else that changes, as JSON. Called after [`Learner::save_rows`].
+    fn record(&self) -> Value;
+
+    /// Takes over the tensors and the record of a checkpoint in a folder.
     ///
-    /// *Errors*: no column, or more than the observation has.
-    pub fn with_input_gradient(mut self, columns: usize) -> Result<Self, String> {
-        let [observation, _] = self.sizes;
-        if !(1..=observation).contains(&columns) {
-            return Err(format!(
-                "a gradient of {columns} numbers of an observation; expected 1 to {observation}"
-            ));
-        }
-        let numbers = vec![T::default(); self.options.batch * columns];
-        self.input_gradient = Some(InputGradient { columns, numbers, is_current: false });
-        Ok(self)
-    }
+    /// *Errors*: what is missing or does not fit.
+    fn restore(
+        &mut self,
+        tensors: &BTreeMap<String, Vec<f32>>,
+        record: Value,
+        folder: &Path,
+    ) -> Result<(), String>;
 
-    /// The gradient of [`Learner::with_input_gradient`] for the batch of the last update, rows × columns, with the
-    /// actor before its step and the critic after its own. `None` if that update had no step of the actor, or if it
-    /// is not asked for.
-    pub fn input_gradient(&self) -> Option<&[T]> {
-        self.input_gradient
-            .as_ref()
-            .filter(|gradient| gradient.is_current)
-            .map(|gradient| &gradient.numbers[..])
-    }
-
-    /// Options.
-    pub fn options(&self) -> &Td3Options {
-        &self.options
-    }
-
-    /// The actor.
-    pub fn actor(&self) -> &Network<T> {
-        &self.actor.online
-    }
-
-    /// Number of updates so far.
-    pub fn updates(&self) -> u64 {
-        self.updates
-    }
-
-    /// The action of the actor for one observation, without noise.
-    pub fn act(&self, observation: &[T], memory: &mut SingleRow<T>, action: &mut [T]) {
-        self.actor.online.forward_one(observation, memory, action);
-        let bound = T::of(self.options.max_action);
-        for x in action {
-            *x = bound * x.hyperbolic_tangent();
-        }
-    }
-
-    /// All tensors that change: networks, targets (`target.…`) and moments (`m.…`, `v.…`), as views.
-    pub fn tensors(&self) -> Vec<NamedTensor<'_, T>> {
-        let mut all = Vec::new();
-        for (network, trained) in self.parts() {
-            let columns = [
-                ("", trained.online.parameters()),
-                ("target.", trained.target.parameters()),
-                ("m.", &trained.moments.first[..]),
-                ("v.", &trained.moments.second[..]),
-            ];
-            let shape = trained.online.shape();
-            for (prefix, numbers) in columns {
-                for ((name, shape), range) in shape.tensors().into_iter().zip(shape.ranges()) {
-                    all.push(NamedTensor {
-                        name: format!("{prefix}{network}.{name}"),
-                        shape,
-                        numbers: &numbers[range],
-                    });
-                }
-            }
-        }
-        all
-    }
-
-    /// Sets all tensors and the number of updates.
+    /// Writes what is too large for a checkpoint into a folder beside it.
     ///
-    /// *Errors*: the name of a tensor that is missing or has another size; nothing has changed then.
-    pub fn set_tensors(&mut self, tensors: &BTreeMap<String, Vec<T>>, updates: u64) -> Result<(), String> {
-        for NamedTensor { name, numbers, .. } in self.tensors() {
-            let found = tensors.get(&name).ok_or_else(|| format!("tensor `{name}` is missing"))?;
-            if found.len() != numbers.len() {
-                let expected = numbers.len();
-                return Err(format!("tensor `{name}` has {} numbers; expected {expected}", found.len()));
-            }
-        }
-        let [q1, q2] = &mut self.critics;
-        for (network, trained) in [("actor", &mut self.actor), ("critic.q1", q1), ("critic.q2", q2)] {
-            let shape = *trained.online.shape();
-            let columns = [
-                ("", trained.online.parameters_mut()),
-                ("target.", trained.target.parameters_mut()),
-                ("m.", &mut trained.moments.first[..]),
-                ("v.", &mut trained.moments.second[..]),
-            ];
-            for (prefix, numbers) in columns {
-                for ((name, _), range) in shape.tensors().iter().zip(shape.ranges()) {
-                    numbers[range].copy_from_slice(&tensors[&format!("{prefix}{network}.{name}")]);
-                }
-            }
-        }
-        self.updates = updates;
-        self.forget_input_gradient();
+    /// *Errors*: as the system.
+    fn save_rows(&mut self, _folder: &Path) -> io::Result<()> {
         Ok(())
     }
 
-    /// Name of the first tensor of the online networks with a number that is not finite.
-    pub fn not_finite(&self) -> Option<String> {
-        self.parts()
-            .into_iter()
-            .find_map(|(network, trained)| Some(format!("{network}.{}", trained.online.not_finite()?)))
+    /// Removes from that folder what the checkpoint that was just written does not need.
+    ///
+    /// *Errors*: as the system.
+    fn remove_old_rows(&self, _folder: &Path) -> io::Result<()> {
+        Ok(())
     }
 
-    /// Sets the first number of a tensor to NaN.
-    pub(super) fn break_weight(&mut self, tensor: &str) {
-        let tensors = self.tensors().into_iter().map(|t| (t.name, t.numbers.to_vec()));
-        let mut all: BTreeMap<String, Vec<T>> = tensors.collect();
-        if let Some(first) = all.get_mut(tensor).and_then(|numbers| numbers.first_mut()) {
-            *first = T::of(f64::NAN);
-        }
-        // The names and sizes are its own.
-        let _ = self.set_tensors(&all, self.updates);
-    }
+    /// Whether all numbers that it has stored are finite.
+    fn is_finite(&self) -> bool;
 
-    fn parts(&self) -> [(&'static str, &Trained<T>); 3] {
-        let [q1, q2] = &self.critics;
-        [("actor", &self.actor), ("critic.q1", q1), ("critic.q2", q2)]
-    }
-
-    /// The targets `y` of the last update.
-    pub fn last_targets(&self) -> &[T] {
-        &self.scratch.targets
-    }
-
-    /// One update. `batch` holds [`Td3Options::batch`] rows.
-    pub fn update(&mut self, batch: &TransitionBatch<T>) -> UpdateReport {
-        debug_assert_eq!(batch.rewards.len(), self.options.batch);
-        self.updates += 1;
-        self.forget_input_gradient();
-        let acts = self.updates.is_multiple_of(self.options.policy_delay);
-        self.compute_targets(batch);
-        let (critic_loss, mean_abs_q) = self.update_critics(batch, acts);
-        let actor_loss = acts.then(|| self.update_actor(batch));
-        UpdateReport { critic_loss, actor_loss, mean_abs_q }
-    }
-
-    fn forget_input_gradient(&mut self) {
-        if let Some(gradient) = &mut self.input_gradient {
-            gradient.is_current = false;
-        }
-    }
-
-    /// Step 1: the targets of the critics.
-    fn compute_targets(&mut self, batch: &TransitionBatch<T>) {
-        let (options, s) = (&self.options, &mut self.scratch);
-        let bound = T::of(options.max_action);
-        let noise = T::of(options.target_noise * options.max_action);
-        let clip = T::of(options.noise_clip * options.max_action);
-        self.actor.target.forward(&batch.next_observations, &mut s.actor);
-        for ((a, x), n) in s.actions.iter_mut().zip(&s.actor.output).zip(&batch.noise) {
-            let smoothing = clamp(*n * noise, clip);
-            *a = clamp(bound * x.hyperbolic_tangent() + smoothing, bound);
-        }
-        join(&mut s.joined, &batch.next_observations, &s.actions, self.sizes);
-        let [first, second] = &self.critics;
-        first.target.forward(&s.joined, &mut s.critic);
-        s.targets.copy_from_slice(&s.critic.output);
-        second.target.forward(&s.joined, &mut s.critic);
-        let gamma = T::of(options.gamma);
-        let rewards = batch.rewards.iter().zip(&batch.not_terminal);
-        for ((y, q2), (r, go_on)) in s.targets.iter_mut().zip(&s.critic.output).zip(rewards) {
-            // NaN in either one must show: comparisons alone would drop it.
-            let least = if *q2 < *y || q2.wide().is_nan() { *q2 } else { *y };
-            *y = *r + *go_on * gamma * least;
-        }
-    }
-
-    /// Step 2: one step of both critics. Returns the loss and the mean |Q₁|.
-    fn update_critics(&mut self, batch: &TransitionBatch<T>, moves_targets: bool) -> (f64, f64) {
-        let (options, s) = (&self.options, &mut self.scratch);
-        join(&mut s.joined, &batch.observations, &batch.actions, self.sizes);
-        let rows = options.batch as f64;
-        let scale = T::of(2.0 / rows);
-        let (mut loss, mut mean_abs_q) = (0.0, 0.0);
-        let at = &mut s.critic;
-        for (k, critic) in self.critics.iter_mut().enumerate() {
-            critic.online.forward(&s.joined, at);
-            for ((g, q), y) in s.q_gradient.iter_mut().zip(&at.output).zip(&s.targets) {
-                let error = *q - *y;
-                *g = scale * error;
-                loss += error.wide() * error.wide() / rows;
-            }
-            if k == 0 {
-                mean_abs_q = at.output.iter().map(|q| q.wide().abs()).sum::<f64>() / rows;
-            }
-            let gradient = &mut s.gradient[..critic.online.shape().count()];
-            critic.online.backward(&s.joined, at, &s.q_gradient, &mut s.hidden, gradient);
-            let target = moves_targets.then(|| critic.target.parameters_mut());
-            let online = critic.online.parameters_mut();
-            critic.moments.step(online, gradient, target, options.critic_rate, self.updates, options);
-        }
-        (loss, mean_abs_q)
-    }
-
-    /// Step 3: one step of the actor. Returns its loss.
-    fn update_actor(&mut self, batch: &TransitionBatch<T>) -> f64 {
-        let (options, s) = (&self.options, &mut self.scratch);
-        let [observation, action] = self.sizes;
-        let bound = T::of(options.max_action);
-        self.actor.online.forward(&batch.observations, &mut s.actor);
-        // From here on, the output of the actor is tanh of its last layer.
-        for (a, x) in s.actions.iter_mut().zip(&mut s.actor.output) {
-            *x = x.hyperbolic_tangent();
-            *a = bound * *x;
-        }
-        join(&mut s.joined, &batch.observations, &s.actions, self.sizes);
-        let (critic, at) = (&self.critics[0].online, &mut s.critic);
-        critic.forward(&s.joined, at);
-        let rows = options.batch as f64;
-        let loss = -at.output.iter().map(|q| q.wide()).sum::<f64>() / rows;
-        s.q_gradient.fill(T::of(-1.0 / rows));
-        let columns = observation..observation + action;
-        critic.backward_to_inputs(at, &s.q_gradient, &mut s.hidden, columns, &mut s.action_gradient);
-        for (g, tanh) in s.action_gradient.iter_mut().zip(&s.actor.output) {
-            *g = *g * bound * (T::of(1.0) - *tanh * *tanh);
-        }
-        let gradient = &mut s.gradient[..self.actor.online.shape().count()];
-        let actor = &mut self.actor;
-        actor.online.backward(&batch.observations, &s.actor, &s.action_gradient, &mut s.hidden, gradient);
-        if let Some(InputGradient { columns, numbers, is_current }) = &mut self.input_gradient {
-            actor.online.first_input_gradients(&s.hidden, *columns, numbers);
-            *is_current = true;
-        }
-        let step = self.updates / options.policy_delay;
-        let target = Some(actor.target.parameters_mut());
-        actor.moments.step(
-            actor.online.parameters_mut(),
-            gradient,
-            target,
-            options.actor_rate,
-            step,
-            options,
-        );
-        loss
-    }
-}
-
-/// Limits to ±bound; NaN stays NaN.
-fn clamp<T: Real>(x: T, bound: T) -> T {
-    if x > bound {
-        bound
-    } else if x < -bound {
-        -bound
-    } else {
-        x
-    }
+    /// Sets a weight to NaN, for tests of what stops a run.
+    #[doc(hidden)]
+    fn break_weight(&mut self, tensor: &str);
 }

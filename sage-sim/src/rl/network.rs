@@ -109,6 +109,21 @@ impl<T: Real> Network<T> {
         Self { shape, parameters }
     }
 
+    /// Orthogonal weights (Saxe et al. 2014, arXiv 1312.6120) times a gain for each layer, and biases of 0.
+    pub fn orthogonal(shape: Shape, gains: [f64; 3], rng: &mut Rng) -> Self {
+        let mut parameters = Vec::with_capacity(shape.count());
+        for (k, (_, tensor)) in shape.tensors().iter().enumerate() {
+            match tensor[..] {
+                [rows, columns] => {
+                    let weights = orthogonal_rows(rows, columns, rng);
+                    parameters.extend(weights.into_iter().map(|x| T::of(gains[k / 2] * x)));
+                }
+                _ => parameters.resize(parameters.len() + tensor[0], T::default()),
+            }
+        }
+        Self { shape, parameters }
+    }
+
     /// A network with given parameters; `None` if they are not as many as the shape has.
     pub fn of(shape: Shape, parameters: Vec<T>) -> Option<Self> {
         (parameters.len() == shape.count()).then_some(Self { shape, parameters })
@@ -223,6 +238,27 @@ impl<T: Real> Network<T> {
         let first = Rows::new(&hidden.first, [rows, h1]);
         times_first_columns(to, first, Rows::new(w1, [h1, width]), columns);
     }
+}
+
+/// A random matrix, row-major, whose rows are orthonormal, or whose columns are if it has fewer of them.
+fn orthogonal_rows(rows: usize, columns: usize, rng: &mut Rng) -> Vec<f64> {
+    let (count, length) = (rows.min(columns), rows.max(columns));
+    let mut all: Vec<Vec<f64>> = Vec::with_capacity(count);
+    for _ in 0..count {
+        let mut vector: Vec<f64> = (0..length).map(|_| rng.normal()).collect();
+        // Twice, because rounding leaves a rest after the first time.
+        for _ in 0..2 {
+            for other in &all {
+                let along: f64 = vector.iter().zip(other).map(|(a, b)| a * b).sum();
+                vector.iter_mut().zip(other).for_each(|(x, b)| *x -= along * b);
+            }
+        }
+        let norm = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
+        vector.iter_mut().for_each(|x| *x /= norm);
+        all.push(vector);
+    }
+    let at = |row: usize, column: usize| if rows <= columns { all[row][column] } else { all[column][row] };
+    (0..rows * columns).map(|k| at(k / columns, k % columns)).collect()
 }
 
 #[cfg(test)]

@@ -2,39 +2,32 @@
 //!
 //! An episode: the sampler draws a scene, the curriculum decides whether and how strongly the adversary attacks, the
 //! attacker plans against the newest drive in that scene, and the learner drives with exploration noise. After every
-//! step follow as many updates as the ratio says. Drives of 21 steps and more enter the scene's store.
+//! step the learner may update itself. Drives of 21 steps and more enter the scene's store.
 //!
 //! All random numbers depend on (seed, number of the step, update or episode, purpose) alone, so a run that resumes
 //! from a checkpoint needs no state of generators, and its bits are those of an uninterrupted run.
 
-use std::sync::Arc;
+use std::{io, path::Path, sync::Arc};
 
-use sage_core::{generator::OperatingPoint, seed::Rng};
+use sage_core::seed::Rng;
 
 use super::{
-    ActorPolicy, Attacker, Curriculum, Evaluation, Progress, SceneSampler, SingleRow, TrainingOptions,
-    TrainingState, Transition, TransitionBatch, attack_episode, drive_episode, drive_scene,
+    ActorPolicy, Attacker, Curriculum, DrivenStep, Evaluation, Progress, SceneSampler, TrainingOptions,
+    TrainingState, attack_episode, drive_episode, drive_scene,
     evaluation::SHORTEST_DRIVE,
     evaluation_rules,
+    running_episode::{Attack, EpisodeRecord, Observe, RunningEpisode},
     success::success,
-    training_state::{SIZES, StoredDrive},
+    training_state::StoredDrive,
 };
 use crate::{
     Error,
-    drive::Drive,
     environment::{Environment, EnvironmentOptions},
     observation::LENGTH,
     scene::SimScene,
-    traffic::Plan,
-    vehicle::{Action, Motion},
+    vehicle::Motion,
 };
 
-/// Mean |Q| that no sound critic reaches: twice the bound 2.25/(1 − 0.99) + 10 of the return.
-const DIVERGED: f64 = 470.0;
-/// Updates in a row above it after which the run stops.
-const DIVERGED_UPDATES: u32 = 100;
-/// Mean |Q| at which it stops at once: after learning rates that large, all units may be dead, and |Q| small again.
-const FAR_DIVERGED: f64 = 100.0 * DIVERGED;
 /// Scenes that fail in a row after which the run stops.
 const MOST_FAILURES: u32 = 1000;
 
@@ -52,20 +45,6 @@ pub struct Setting<'a> {
     pub curriculum: &'a dyn Curriculum,
     /// Which scene is next.
     pub sampler: &'a dyn SceneSampler,
-}
-
-/// An episode in progress.
-struct Slot {
-    environment: Environment,
-    scene: usize,
-    episode: u64,
-    intensity: Option<f64>,
-    plan: Option<Arc<Plan>>,
-    /// Row of the newest observation in the buffer.
-    row: u64,
-    observation: [f32; LENGTH],
-    motions: Vec<Motion>,
-    touched_adversary: Option<usize>,
 }
 
 /// Why a run stops before its end.
@@ -96,20 +75,16 @@ pub struct Training<'a> {
     setting: Setting<'a>,
     state: TrainingState,
     rules: Arc<EnvironmentOptions>,
-    observe: fn(&Environment, &mut [f32; LENGTH]),
-    slots: Vec<Option<Slot>>,
-    batch: TransitionBatch<f32>,
-    memory: SingleRow<f32>,
+    observe: Observe,
+    slots: Vec<Option<RunningEpisode>>,
 }
 
 impl<'a> Training<'a> {
-    /// A run from a state without episodes in progress: a new one, or that of a checkpoint.
+    /// A run from a state: a new one, or that of a checkpoint.
     pub fn new(options: TrainingOptions, setting: Setting<'a>, state: TrainingState) -> Self {
-        let slots = (0..options.environments).map(|_| None).collect();
-        let batch = TransitionBatch::new(options.td3.batch, SIZES[0], SIZES[1]);
+        let slots = (0..options.slots()).map(|_| None).collect();
         let rules = Arc::new(options.rules());
-        let (observe, memory) = (Environment::observe as _, SingleRow::default());
-        Self { options, setting, state, rules, observe, slots, batch, memory }
+        Self { options, setting, state, rules, observe: Environment::observe, slots }
     }
 
     /// With other rules of the environment than [`TrainingOptions::rules`].
@@ -130,9 +105,12 @@ impl<'a> Training<'a> {
         &self.state
     }
 
-    /// The state, to save it.
-    pub fn state_mut(&mut self) -> &mut TrainingState {
-        &mut self.state
+    /// Saves the state and the episodes in progress into a folder.
+    ///
+    /// *Errors*: as the system.
+    pub fn save(&mut self, folder: &Path, identity: &str) -> io::Result<()> {
+        self.state.episodes = self.slots.iter().map(|slot| Some(slot.as_ref()?.record.clone())).collect();
+        self.state.save(folder, identity)
     }
 
     /// Whether all steps are done.
@@ -140,47 +118,58 @@ impl<'a> Training<'a> {
         self.state.counters.steps >= self.options.steps()
     }
 
-    /// Runs until `until` steps are done, then ends the episodes in progress without new ones, so that the state can
-    /// be saved; at the end of the training episodes are cut. Calls `progress` after every step with the number done.
+    /// Runs until at least `until` steps are done and the state may be saved; at the end of the training episodes are cut.
+    /// Calls `progress` after every step with the number done.
     ///
-    /// *Errors*: [`Stop`]; nothing broken has entered the buffer.
+    /// *Errors*: [`Stop`]; the learner has learnt nothing broken.
     pub fn advance(&mut self, until: u64, mut progress: impl FnMut(u64)) -> Result<(), Stop> {
+        self.resume()?;
         let total = self.options.steps();
         loop {
             let done = self.state.counters.steps;
-            if done >= total {
+            if done >= total || (done >= until && self.state.learner.may_be_saved()) {
                 return Ok(());
             }
-            let begins = done < until;
-            let turn = (done % self.slots.len() as u64) as usize;
-            let order = (turn..self.slots.len()).chain(0..turn);
-            let found = order.into_iter().find(|k| begins || self.slots[*k].is_some());
-            let Some(k) = found else { return Ok(()) };
+            let k = (done / self.state.learner.turn() % self.slots.len() as u64) as usize;
             let mut slot = match self.slots[k].take() {
                 Some(slot) => slot,
-                None => self.begin()?,
+                None => self.begin(k)?,
             };
-            if self.step(&mut slot)? {
-                self.store(slot.scene, slot.motions);
+            let is_over = self.step(k, &mut slot)?;
+            if is_over {
+                self.store(slot.record.scene, slot.motions);
             } else {
                 self.slots[k] = Some(slot);
             }
-            self.updates()?;
             self.evaluate_if_due();
             progress(self.state.counters.steps);
         }
     }
 
+    /// Begins the episodes of a checkpoint again and drives them to where they were.
+    fn resume(&mut self) -> Result<(), Stop> {
+        for (k, record) in std::mem::take(&mut self.state.episodes).into_iter().enumerate() {
+            let Some(record) = record else { continue };
+            let scene = record.scene;
+            let running = RunningEpisode::of(record, &self.setting, &self.rules, self.observe);
+            self.slots[k] = Some(running.map_err(|error| self.broken(scene, &error.to_string()))?);
+        }
+        Ok(())
+    }
+
     /// Begins an episode.
-    fn begin(&mut self) -> Result<Slot, Stop> {
+    fn begin(&mut self, k: usize) -> Result<RunningEpisode, Stop> {
         for _ in 0..MOST_FAILURES {
             let episode = self.state.counters.episodes;
             self.state.counters.episodes += 1;
             let rng = |purpose| Rng::new(self.options.seed, &episode.to_string(), purpose);
-            let scene = self.setting.sampler.draw(&self.state.records, episode, &mut rng("scene"));
-            match self.begin_in(scene, episode, &mut rng("coin"), rng("world").bits()) {
-                Ok(slot) if slot.observation.iter().all(|x| x.is_finite()) => return Ok(slot),
-                Ok(slot) => return Err(self.not_a_number(&slot, "observation at the start")),
+            let scene = self.draw_scene(episode, &mut rng("scene"));
+            match self.begin_in(scene, episode, k, &mut rng("coin"), rng("world").bits()) {
+                Ok(running) if running.observation.iter().all(|x| x.is_finite()) => {
+                    self.state.learner.begin(k, &running.observation);
+                    return Ok(running);
+                }
+                Ok(running) => return Err(self.not_a_number(&running, "observation at the start")),
                 Err(error @ Error::Core(sage_core::Error::NotFinite { .. })) => {
                     return Err(self.broken(scene, &error.to_string()));
                 }
@@ -198,57 +187,51 @@ impl<'a> Training<'a> {
         Err(Stop::Scenes(format!("{MOST_FAILURES} episodes in a row could not start; one of them: {last}")))
     }
 
-    fn begin_in(&mut self, scene: usize, episode: u64, coin: &mut Rng, world: u64) -> Result<Slot, Error> {
-        let sim = self.setting.scenes[scene].clone();
+    /// The scene of an episode.
+    fn draw_scene(&self, episode: u64, rng: &mut Rng) -> usize {
+        self.setting.sampler.draw(&self.state.records, episode, rng)
+    }
+
+    fn begin_in(
+        &mut self,
+        scene: usize,
+        number: u64,
+        k: usize,
+        coin: &mut Rng,
+        world: u64,
+    ) -> Result<RunningEpisode, Error> {
         let share = self.state.counters.steps as f64 / self.options.steps() as f64;
         let at = Progress { share, success: &self.state.success };
         let drawn = self.setting.curriculum.draw(&at, coin);
-        let intensity = drawn.filter(|_| self.setting.attacker.is_some());
-        let mut plan = None;
-        if let (Some(lambda), Some(attacker)) = (intensity, self.setting.attacker) {
+        let mut attack = None;
+        if let Some(lambda) = drawn.filter(|_| self.setting.attacker.is_some()) {
             self.refresh(scene, world)?;
-            plan = Some(self.plan(scene, attacker, lambda, coin)?);
+            let stored = &self.state.drives[scene];
+            let drive = stored.get(coin.below(stored.len())).map(|stored| stored.motions.clone());
+            attack = Some(Attack { lambda, seed: coin.bits(), drive });
         }
-        let environment = Environment::reset(sim, self.rules.clone(), plan.clone(), world)?;
-        let mut observation = [0.0; LENGTH];
-        (self.observe)(&environment, &mut observation);
-        let buffer = &mut self.state.buffer;
-        let row = if observation.iter().all(|x| x.is_finite()) { buffer.start(&observation) } else { 0 };
-        let motions = vec![*environment.world().motion()];
-        Ok(Slot {
-            environment,
-            scene,
-            episode,
-            intensity,
-            plan,
-            row,
-            observation,
-            motions,
-            touched_adversary: None,
-        })
+        let slots = self.slots.len();
+        let is_first = self.state.learner.staggers() && number < slots as u64;
+        let limit = is_first.then(|| (k * self.options.max_steps).div_ceil(slots)).filter(|limit| *limit > 0);
+        let mirror = self.options.mirrored;
+        let draws_mirror = || Rng::new(self.options.seed, &number.to_string(), "mirror").unit() < mirror;
+        let is_mirrored = mirror > 0.0 && draws_mirror();
+        let record = EpisodeRecord { scene, number, world, is_mirrored, limit, attack, actions: Vec::new() };
+        let running = RunningEpisode::of(record, &self.setting, &self.rules, self.observe)?;
+        if let Some(attack) = &running.record.attack {
+            self.count_attack(scene, attack);
+        }
+        Ok(running)
     }
 
-    /// The adversary's plan against one of the stored drives of a scene.
-    fn plan(
-        &mut self,
-        scene: usize,
-        attacker: &dyn Attacker,
-        lambda: f64,
-        coin: &mut Rng,
-    ) -> Result<Arc<Plan>, Error> {
-        let (stored, counters) = (&self.state.drives[scene], &mut self.state.counters);
-        let chosen = stored.get(coin.below(stored.len()));
-        let drive = chosen.map(|stored| Drive { motions: stored.motions.clone(), ..Drive::default() });
-        let plan = {
-            let at = OperatingPoint::at(lambda, lambda);
-            attacker.plan(&self.setting.scenes[scene], drive.as_ref(), &at, coin.bits())?
-        };
+    fn count_attack(&mut self, scene: usize, attack: &Attack) {
+        let counters = &mut self.state.counters;
         counters.attacked += 1;
-        match chosen {
+        let is_it = |stored: &&StoredDrive| Some(&stored.motions) == attack.drive.as_ref();
+        match self.state.drives[scene].iter().find(is_it) {
             Some(stored) => counters.drive_age += counters.steps - stored.step,
             None => counters.without_drive += 1,
         }
-        Ok(plan)
     }
 
     /// Lets the present policy drive a scene whose newest drive is too old, and stores its drive.
@@ -256,10 +239,10 @@ impl<'a> Training<'a> {
         let Some(limit) = self.options.refresh_after else { return Ok(()) };
         let steps = self.state.counters.steps;
         let is_fresh = self.state.drives[scene].front().is_some_and(|drive| steps - drive.step <= limit);
-        if is_fresh || steps < self.options.td3.random_steps {
+        if is_fresh || !self.state.learner.has_learnt(steps) {
             return Ok(());
         }
-        let policy = ActorPolicy::new(self.state.learner.actor().clone());
+        let policy = ActorPolicy::new(self.state.learner.actor());
         let (_, drive) = drive_episode(&policy, &self.setting.scenes[scene], None, &self.rules, world)?;
         self.store(scene, drive.motions);
         Ok(())
@@ -275,114 +258,53 @@ impl<'a> Training<'a> {
     }
 
     /// One step of an episode. Returns whether it is over.
-    fn step(&mut self, slot: &mut Slot) -> Result<bool, Stop> {
-        let action = self.action(slot)?;
-        let outcome = match slot.environment.step(action) {
-            Ok(outcome) => outcome,
-            Err(error) => return Err(self.broken(slot.scene, &error.to_string())),
-        };
-        let mut observation = [0.0; LENGTH];
-        (self.observe)(&slot.environment, &mut observation);
+    fn step(&mut self, k: usize, slot: &mut RunningEpisode) -> Result<bool, Stop> {
+        let action = self.state.learner.act(k, self.state.counters.steps, &slot.observation);
+        if action.iter().any(|x| !x.is_finite()) {
+            let tensor = self.state.learner.not_finite().unwrap_or_else(|| "action".to_owned());
+            return Err(self.not_a_number(slot, &format!("tensor `{tensor}`")));
+        }
+        let outcome =
+            slot.step(action).map_err(|error| self.broken(slot.record.scene, &error.to_string()))?;
+        slot.observe(self.observe);
         self.state.counters.steps += 1;
-        if let Some(column) = observation.iter().position(|x| !x.is_finite()) {
+        if let Some(column) = slot.observation.iter().position(|x| !x.is_finite()) {
             return Err(self.not_a_number(slot, &format!("number {column} of the observation")));
         }
         let reward = outcome.reward as f32;
         if !reward.is_finite() {
             return Err(self.not_a_number(slot, "reward"));
         }
-        slot.row = self.state.buffer.step(&Transition {
-            from: slot.row,
-            action: &[action.steer as f32, action.throttle as f32],
-            reward,
-            is_terminal: outcome.terminated,
-            next: &observation,
-        });
-        slot.observation = observation;
-        let world = slot.environment.world();
-        slot.motions.push(*world.motion());
-        let adversary = slot.plan.as_ref().map(|plan| plan.track);
-        if slot.touched_adversary.is_none()
-            && world.facts().contacts.iter().any(|contact| Some(contact.track) == adversary)
-        {
-            slot.touched_adversary = Some(world.step_count());
-        }
-        if slot.environment.is_over() {
+        let is_over = slot.is_over();
+        // Success may need a search, and the learner does not change it.
+        if is_over {
             self.count_success(slot, outcome.completion);
         }
-        Ok(slot.environment.is_over())
-    }
-
-    /// The action of a step: random at the start, then the actor's with noise.
-    fn action(&mut self, slot: &Slot) -> Result<Action, Stop> {
-        let td3 = &self.options.td3;
-        let step = self.state.counters.steps;
-        let mut rng = Rng::new(self.options.seed, &step.to_string(), "exploration");
-        let mut numbers = [0.0_f32; 2];
-        if step < td3.random_steps {
-            numbers.fill_with(|| rng.uniform(-td3.max_action, td3.max_action) as f32);
-        } else {
-            self.state.learner.act(&slot.observation, &mut self.memory, &mut numbers);
-            let deviation = td3.exploration_noise * td3.max_action;
-            for x in &mut numbers {
-                let noisy = f64::from(*x) + deviation * rng.normal();
-                *x = noisy.clamp(-td3.max_action, td3.max_action) as f32;
-            }
-        }
-        if numbers.iter().any(|x| !x.is_finite()) {
-            let tensor = self.state.learner.not_finite().unwrap_or_else(|| "action".to_owned());
-            return Err(self.not_a_number(slot, &format!("tensor `{tensor}`")));
-        }
-        let [steer, throttle] = numbers.map(f64::from);
-        Ok(Action { steer, throttle })
-    }
-
-    /// The updates that belong to the steps so far.
-    fn updates(&mut self) -> Result<(), Stop> {
-        let steps = self.state.counters.steps.saturating_sub(self.options.td3.random_steps);
-        let due = ((steps as f64 * self.options.ratio).floor() as u64).min(self.options.updates);
-        while self.state.learner.updates() < due {
-            let key = self.state.learner.updates().to_string();
-            let rng = |purpose| Rng::new(self.options.seed, &key, purpose);
-            if !self.state.buffer.draw(&mut rng("batch"), &mut self.batch) {
-                return Ok(());
-            }
-            let mut smoothing = rng("smoothing");
-            self.batch.noise.fill_with(|| smoothing.normal() as f32);
-            let report = self.state.learner.update(&self.batch);
-            let [loss, count, q] = &mut self.state.losses;
-            *loss += report.critic_loss;
-            *count += 1.0;
-            *q += report.mean_abs_q;
-            let at = self.state.learner.updates();
-            if !report.critic_loss.is_finite() || report.actor_loss.is_some_and(|loss| !loss.is_finite()) {
-                let tensor = self
-                    .state
-                    .learner
-                    .not_finite()
-                    .map_or(String::new(), |name| format!("; tensor `{name}` is not finite"));
-                return Err(Stop::Broken(format!("update {at}: the loss is not finite{tensor}")));
-            }
-            let q = report.mean_abs_q;
-            self.state.diverging = if q > DIVERGED { self.state.diverging + 1 } else { 0 };
-            if self.state.diverging >= DIVERGED_UPDATES || q > FAR_DIVERGED {
-                return Err(Stop::Broken(format!(
-                    "update {at}: the training diverges; mean |Q| is {q:.3e}, and no return reaches {DIVERGED}; lower the learning rates"
-                )));
-            }
-        }
-        Ok(())
+        let step = DrivenStep {
+            slot: k,
+            steps: self.state.counters.steps,
+            action,
+            reward,
+            next: &slot.observation,
+            is_terminal: outcome.terminated,
+            is_over,
+        };
+        self.state.learner.learn(&step).map_err(Stop::Broken)?;
+        Ok(is_over)
     }
 
     /// Counts success or failure of an episode for curriculum and sampler.
-    fn count_success(&mut self, slot: &Slot, completion: f64) {
-        let scene = &self.setting.scenes[slot.scene];
+    fn count_success(&mut self, slot: &RunningEpisode, completion: f64) {
+        let record = &slot.record;
+        let scene = &self.setting.scenes[record.scene];
         let counted = success(scene, slot.plan.as_deref(), &slot.motions, slot.touched_adversary, completion);
         match counted {
-            Some(success) => self.state.success.count(slot.intensity, success),
+            Some(success) => {
+                self.state.success.count(record.attack.as_ref().map(|attack| attack.lambda), success)
+            }
             None => self.state.counters.unavoidable += 1,
         }
-        self.state.records[slot.scene].count(slot.episode, counted);
+        self.state.records[record.scene].count(record.number, counted);
     }
 
     /// Evaluates at the fixed steps.
@@ -392,9 +314,9 @@ impl<'a> Training<'a> {
         if done >= self.options.evaluations || steps < total * (done + 1) / self.options.evaluations {
             return;
         }
-        let [loss, count, q] = std::mem::take(&mut self.state.losses);
-        self.state.loss_curve.push([steps as f64, loss / count.max(1.0), q / count.max(1.0)]);
-        let actor = self.state.learner.actor().clone();
+        let [loss, value] = self.state.learner.take_losses();
+        self.state.loss_curve.push([steps as f64, loss, value]);
+        let actor = self.state.learner.actor();
         let policy = ActorPolicy::new(actor.clone());
         let rules = evaluation_rules(&self.rules);
         let (mut unchanged, mut attacked) = (Vec::new(), Vec::new());
@@ -414,8 +336,8 @@ impl<'a> Training<'a> {
         }
     }
 
-    fn not_a_number(&self, slot: &Slot, what: &str) -> Stop {
-        self.broken(slot.scene, &format!("{what} is not a number"))
+    fn not_a_number(&self, slot: &RunningEpisode, what: &str) -> Stop {
+        self.broken(slot.record.scene, &format!("{what} is not a number"))
     }
 
     fn broken(&self, scene: usize, problem: &str) -> Stop {

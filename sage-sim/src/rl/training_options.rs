@@ -2,21 +2,43 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Td3Options;
+use super::{Learner, Ppo, PpoOptions, Td3, Td3Options};
 use crate::environment::EnvironmentOptions;
+
+/// Most steps of a training by PPO.
+const MOST_STEPS: u64 = 1 << 40;
+
+/// Algorithm of a training.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Algorithm {
+    /// TD3 (Fujimoto et al. 2018).
+    #[default]
+    Td3,
+    /// PPO (Schulman et al. 2017).
+    Ppo,
+}
 
 /// Options of a training run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainingOptions {
     /// The algorithm.
+    pub algorithm: Algorithm,
+    /// Options of TD3.
     pub td3: Td3Options,
-    /// Updates in all.
+    /// Options of PPO.
+    pub ppo: PpoOptions,
+    /// TD3: updates in all.
     pub updates: u64,
-    /// Updates per step of the environment.
+    /// TD3: updates per step of the environment.
     pub ratio: f64,
-    /// Environments that take turns.
+    /// TD3: episodes that take turns.
     pub environments: usize,
+    /// PPO: steps in all; the last batch is a whole one.
+    pub ppo_steps: u64,
+    /// Share of episodes in which the car drives the mirror image of the scene, 0 to 1.
+    pub mirrored: f64,
     /// Largest number of steps of an episode; above 91 it goes on after the end of the recording, without traffic.
     pub max_steps: usize,
     /// Whether the limit of steps is stored as a terminal step, as published.
@@ -36,10 +58,14 @@ pub struct TrainingOptions {
 impl Default for TrainingOptions {
     fn default() -> Self {
         Self {
+            algorithm: Algorithm::default(),
             td3: Td3Options::default(),
+            ppo: PpoOptions::default(),
             updates: 100_000,
             ratio: 1.0,
             environments: 1,
+            ppo_steps: 1_000_000,
+            mirrored: 0.0,
             max_steps: 91,
             limit_is_terminal: false,
             drives: 1,
@@ -51,9 +77,37 @@ impl Default for TrainingOptions {
 }
 
 impl TrainingOptions {
-    /// Steps of the environments in all: the random ones, and those with updates.
+    /// Steps of the environments in all: for TD3 the random ones, and those with updates; for PPO whole batches.
     pub fn steps(&self) -> u64 {
-        self.td3.random_steps + (self.updates as f64 / self.ratio).ceil() as u64
+        match self.algorithm {
+            Algorithm::Td3 => self.td3.random_steps + (self.updates as f64 / self.ratio).ceil() as u64,
+            Algorithm::Ppo => {
+                let batch = self.ppo.batch().max(1) as u64;
+                self.ppo_steps.div_ceil(batch).saturating_mul(batch)
+            }
+        }
+    }
+
+    /// Episodes that take turns.
+    pub fn slots(&self) -> usize {
+        match self.algorithm {
+            Algorithm::Td3 => self.environments,
+            Algorithm::Ppo => self.ppo.environments,
+        }
+    }
+
+    /// The learner before the first step.
+    ///
+    /// *Errors*: as [`TrainingOptions::check`].
+    pub fn learner(&self) -> Result<Box<dyn Learner>, String> {
+        self.check()?;
+        Ok(match self.algorithm {
+            Algorithm::Td3 => Box::new(Td3::new(self)?),
+            Algorithm::Ppo => {
+                let batches = self.steps() / self.ppo.batch() as u64;
+                Box::new(Ppo::new(self.ppo.clone(), batches, self.seed)?)
+            }
+        })
     }
 
     /// Checks all numbers.
@@ -61,6 +115,16 @@ impl TrainingOptions {
     /// *Errors*: the name and value of an option that is out of range, and what is expected.
     pub fn check(&self) -> Result<(), String> {
         self.td3.check()?;
+        self.ppo.check()?;
+        if !(0.0..=1.0).contains(&self.mirrored) {
+            return Err(format!("`mirrored` is {}; expected a number from 0 to 1", self.mirrored));
+        }
+        if !(1..=MOST_STEPS).contains(&self.ppo_steps) {
+            return Err(format!(
+                "`ppo_steps` is {}; expected a number from 1 to {MOST_STEPS}",
+                self.ppo_steps
+            ));
+        }
         if !(self.ratio >= 1.0 / 64.0 && self.ratio <= 64.0) {
             return Err(format!("`ratio` is {}; expected a number from 1/64 to 64", self.ratio));
         }
@@ -75,8 +139,8 @@ impl TrainingOptions {
         {
             return Err(format!("`{name}` is {value}; expected a number from {least} to {most}"));
         }
-        let steps = self.steps() - self.td3.random_steps;
-        if steps < self.td3.random_steps {
+        let steps = self.steps().saturating_sub(self.td3.random_steps);
+        if self.algorithm == Algorithm::Td3 && steps < self.td3.random_steps {
             return Err(format!(
                 "{} updates at a ratio of {} are {steps} steps, fewer than the {} random steps at the start; give more updates or fewer random steps",
                 self.updates, self.ratio, self.td3.random_steps

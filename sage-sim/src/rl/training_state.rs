@@ -5,13 +5,9 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    EpisodeRow, Learner, Network, ReplayBuffer, SceneRecord, SuccessRates, TrainingOptions,
-    buffer_log::BufferLog,
+    EpisodeRow, Learner, Network, SceneRecord, SuccessRates, TrainingOptions, running_episode::EpisodeRecord,
 };
-use crate::{observation::LENGTH, vehicle::Motion};
-
-/// Sizes of observation and action.
-pub(super) const SIZES: [usize; 2] = [LENGTH, 2];
+use crate::vehicle::Motion;
 
 /// One evaluation of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,18 +55,14 @@ pub(super) struct StoredDrive {
 
 /// Everything of a run that changes and that a checkpoint holds.
 pub struct TrainingState {
-    pub(super) learner: Learner<f32>,
-    pub(super) buffer: ReplayBuffer,
-    /// Where its rows are on disk.
-    pub(super) log: BufferLog,
+    pub(super) learner: Box<dyn Learner>,
+    /// The episodes in progress when it was saved, by their place.
+    pub(super) episodes: Vec<Option<EpisodeRecord>>,
     pub(super) drives: Vec<VecDeque<StoredDrive>>,
     pub(super) records: Vec<SceneRecord>,
     pub(super) success: SuccessRates,
     pub(super) counters: Counters,
-    pub(super) diverging: u32,
-    /// Sums over the updates since the last row of losses: critic loss, its count, mean |Q|.
-    pub(super) losses: [f64; 3],
-    /// Steps, mean critic loss and mean |Q| at each evaluation.
+    /// Steps, mean loss of the critic and mean size of its values at each evaluation.
     pub(super) loss_curve: Vec<[f64; 3]>,
     pub(super) evaluations: Vec<Evaluation>,
 }
@@ -80,32 +72,21 @@ impl TrainingState {
     ///
     /// *Errors*: as [`TrainingOptions::check`].
     pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, String> {
-        options.check()?;
-        let learner = Learner::new(options.td3.clone(), SIZES, options.seed)?;
-        let held = (options.td3.buffer as u64).min(options.steps()) as usize;
         Ok(Self {
-            learner,
-            buffer: ReplayBuffer::new(held, SIZES),
-            log: BufferLog::default(),
+            learner: options.learner()?,
+            episodes: Vec::new(),
             drives: vec![VecDeque::new(); scenes],
             records: vec![SceneRecord::default(); scenes],
             success: SuccessRates::default(),
             counters: Counters::default(),
-            diverging: 0,
-            losses: [0.0; 3],
             loss_curve: Vec::new(),
             evaluations: Vec::new(),
         })
     }
 
     /// The learner.
-    pub fn learner(&self) -> &Learner<f32> {
-        &self.learner
-    }
-
-    /// Whether every number of the replay buffer is finite.
-    pub fn buffer_is_finite(&self) -> bool {
-        self.buffer.is_finite()
+    pub fn learner(&self) -> &dyn Learner {
+        &*self.learner
     }
 
     /// Sets a weight to NaN, for tests of what stops a run.
@@ -124,7 +105,7 @@ impl TrainingState {
         &self.evaluations
     }
 
-    /// Steps, mean critic loss and mean |Q| at each evaluation.
+    /// Steps, mean loss of the critic and mean size of its values at each evaluation.
     pub fn loss_curve(&self) -> &[[f64; 3]] {
         &self.loss_curve
     }

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use safetensors::SafeTensors;
-use sage_sim::rl::{Learner, Real, SingleRow, TransitionBatch};
+use sage_sim::rl::{Real, SingleRow, Td3Learner, TransitionBatch};
 
 pub struct Fixture(BTreeMap<String, Vec<f64>>);
 
@@ -29,7 +29,7 @@ impl Fixture {
     }
 
     /// Runs five updates and compares every tensor.
-    pub fn check<T: Real>(&self, precision: &str, learner: &mut Learner<T>, bound: f64) {
+    pub fn check<T: Real>(&self, precision: &str, learner: &mut Td3Learner<T>, bound: f64) {
         let mut start = BTreeMap::new();
         for tensor in learner.tensors() {
             let from = match tensor.name.strip_prefix("target.") {

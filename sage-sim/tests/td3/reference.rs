@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use candle_core::{DType, Device, Result, Tensor, Var, WithDType};
-use sage_sim::rl::{Learner, Real, Td3Options, TransitionBatch};
+use sage_sim::rl::{Real, Td3Learner, Td3Options, TransitionBatch};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mistake {
@@ -87,7 +87,7 @@ fn online(vars: &[Var]) -> Vec<Plain> {
 }
 
 impl Reference {
-    pub fn of<T: Real + WithDType>(learner: &Learner<T>, mistake: Option<Mistake>) -> Result<Self> {
+    pub fn of<T: Real + WithDType>(learner: &Td3Learner<T>, mistake: Option<Mistake>) -> Result<Self> {
         let all: BTreeMap<String, (Vec<usize>, Vec<T>)> =
             learner.tensors().into_iter().map(|t| (t.name, (t.shape, t.numbers.to_vec()))).collect();
         let get = |name: String| {

@@ -2,8 +2,8 @@
 
 use anyhow::{Context as _, Result, anyhow};
 use sage_sim::rl::{
-    CHECKPOINT, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions, TrainingState,
-    write_policy,
+    Algorithm, CHECKPOINT, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions,
+    TrainingState, write_policy,
 };
 use serde_json::json;
 
@@ -39,13 +39,14 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         curriculum: &*curriculum,
         sampler: &*sampler,
     };
-    let (total, random) = (options.steps(), options.td3.random_steps);
+    let total = options.steps();
+    let random = if options.algorithm == Algorithm::Td3 { options.td3.random_steps } else { 0 };
     let mut training = Training::new(options, setting, state);
     if resumed {
         clock.resumed(seed, training.state().counters().steps);
     }
     while !training.is_done() {
-        let until = training.state().counters().steps + shared.args.checkpoint_every;
+        let until = training.state().counters().steps + shared.checkpoint_every;
         let before = training.state().evaluations().len();
         training.advance(until.min(total), |done| clock.step(done > random)).map_err(|stop| {
             anyhow!(
@@ -61,10 +62,7 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
                 path.join(CHECKPOINT).display()
             ));
         }
-        training
-            .state_mut()
-            .save(&path, &identity)
-            .with_context(|| format!("cannot write to `{}`", path.display()))?;
+        training.save(&path, &identity).with_context(|| format!("cannot write to `{}`", path.display()))?;
         for evaluation in &training.state().evaluations()[before..] {
             clock.evaluated(&shared.columns, seed, evaluation, total);
         }
@@ -112,7 +110,7 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCa
     let args = shared.args;
     let options = TrainingOptions { seed: trained.seed, ..shared.options.clone() };
     let training = json!({
-        "algorithm": "TD3", "generator": args.method.to_string(), "curriculum": args.curriculum.to_string(),
+        "algorithm": report::algorithm(&options), "generator": args.method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "weights": shared.weights,
         "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
         "scenes": shared.identity["scenes"], "options": options,

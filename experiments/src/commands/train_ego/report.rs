@@ -11,7 +11,7 @@ use std::{
 
 use anyhow::Result;
 use sage_bench::table::{Table, csv};
-use sage_sim::rl::{EpisodeRow, Evaluation, PolicyCard};
+use sage_sim::rl::{Algorithm, EpisodeRow, Evaluation, PolicyCard, TrainingOptions};
 use serde_json::{Map, Value, json};
 
 use super::{
@@ -39,8 +39,9 @@ pub(super) fn means(columns: &Columns, rows: &[EpisodeRow]) -> Value {
 /// Curves of some seeds as CSV: a row per evaluation and kind of scenes.
 pub(super) fn curve_csv(columns: &Columns, trained: &[Trained]) -> String {
     let heads = ["seed", "step", "updates", "scenes", "episodes"].map(str::to_owned).into_iter();
-    let mut all: Vec<Vec<String>> =
-        vec![heads.chain(columns.names()).chain(["critic_loss", "mean_abs_q"].map(str::to_owned)).collect()];
+    let mut all: Vec<Vec<String>> = vec![
+        heads.chain(columns.names()).chain(["critic_loss", "mean_abs_value"].map(str::to_owned)).collect(),
+    ];
     for run in trained {
         for (evaluation, [_, loss, q]) in run.evaluations.iter().zip(&run.losses) {
             for (kind, rows) in kinds(evaluation) {
@@ -146,6 +147,14 @@ pub(super) fn markdown(columns: &Columns, scenes: usize, trained: &[Trained]) ->
     table.markdown()
 }
 
+/// Name of the algorithm of a run.
+pub(super) fn algorithm(options: &TrainingOptions) -> &'static str {
+    match options.algorithm {
+        Algorithm::Td3 => "TD3",
+        Algorithm::Ppo => "PPO",
+    }
+}
+
 /// The card of a policy as a page.
 pub(super) fn card_page(columns: &Columns, card: &PolicyCard) -> String {
     let names = columns.names();
@@ -170,7 +179,8 @@ pub(super) fn card_page(columns: &Columns, card: &PolicyCard) -> String {
         means.row(kind, names.iter().map(mean));
     }
     format!(
-        "# A driving policy trained by TD3\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego td3:policy.safetensors`.\n\n{}\n## Evaluation\n\n{}",
+        "# A driving policy trained by {}\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego td3:policy.safetensors`.\n\n{}\n## Evaluation\n\n{}",
+        training["algorithm"].as_str().unwrap_or("TD3"),
         facts.markdown(),
         means.markdown()
     )

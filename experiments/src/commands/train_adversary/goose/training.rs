@@ -13,7 +13,7 @@ use sage_generators::goose::{Trial, TrialScene};
 use sage_sim::{
     attack_test::AttackTest,
     queried::QueriedDriver,
-    rl::{Learner, SingleRow, TransitionBatch},
+    rl::{SingleRow, Td3Learner, TransitionBatch},
 };
 use serde::{Deserialize, Serialize};
 
@@ -92,7 +92,7 @@ pub(super) struct Training<'a> {
     seats: &'a [Seat<'a>],
     scenes: Vec<Option<InProgress>>,
     memory: Memory,
-    learner: Learner<f32>,
+    learner: Td3Learner<f32>,
     encoder: EncoderTraining,
     batch: TransitionBatch<f32>,
     single: SingleRow<f32>,
@@ -116,7 +116,7 @@ impl<'a> Training<'a> {
     pub(super) fn new(options: &TrainingOptions, seats: &'a [Seat<'a>], seed: u64) -> Result<Self> {
         let td3 = options.td3();
         let batch = TransitionBatch::new(td3.batch, STATE, ACTION);
-        let learner = Learner::new(td3, [STATE, ACTION], seed).and_then(|l| l.with_input_gradient(HIDDEN));
+        let learner = Td3Learner::new(td3, [STATE, ACTION], seed).and_then(|l| l.with_input_gradient(HIDDEN));
         Ok(Self {
             options: options.clone(),
             seed,
@@ -153,7 +153,7 @@ impl<'a> Training<'a> {
         &self.losses
     }
 
-    pub(super) fn learner(&self) -> &Learner<f32> {
+    pub(super) fn learner(&self) -> &Td3Learner<f32> {
         &self.learner
     }
 
@@ -187,7 +187,7 @@ impl<'a> Training<'a> {
         &mut self,
         actions: &[[f64; ACTION]],
         losses: Vec<Losses>,
-        restore: impl FnOnce(&mut Learner<f32>, &mut EncoderTraining) -> Result<()>,
+        restore: impl FnOnce(&mut Td3Learner<f32>, &mut EncoderTraining) -> Result<()>,
     ) -> Result<()> {
         for action in actions {
             self.apply(self.scene_of(self.decisions()), *action)?;

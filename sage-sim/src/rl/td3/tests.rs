@@ -4,9 +4,9 @@ use super::*;
 
 const SIZES: [usize; 2] = [5, 2];
 
-fn learner() -> Learner<f64> {
+fn learner() -> Td3Learner<f64> {
     let options = Td3Options { hidden: [16, 12], batch: 8, max_action: 1.5, ..Td3Options::default() };
-    Learner::new(options, SIZES, 3).unwrap()
+    Td3Learner::new(options, SIZES, 3).unwrap()
 }
 
 fn batches() -> Vec<TransitionBatch<f64>> {

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::super::adam::Adam;
+
 /// Options of TD3; the defaults are those of the paper and of the published implementation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -61,6 +63,10 @@ impl Default for Td3Options {
 }
 
 impl Td3Options {
+    pub(in crate::rl) fn adam(&self) -> Adam {
+        Adam { betas: self.betas, epsilon: self.epsilon }
+    }
+
     /// Checks all numbers.
     ///
     /// *Errors*: the name and value of an option that is out of range, and what is expected.

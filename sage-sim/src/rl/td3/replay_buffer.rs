@@ -8,7 +8,7 @@ use std::io::{self, Read, Write};
 
 use sage_core::seed::Rng;
 
-use super::learner::TransitionBatch;
+use super::TransitionBatch;
 
 /// Rows beyond the transitions: one in sixteen is the start of an episode, at most.
 const STARTS: usize = 16;

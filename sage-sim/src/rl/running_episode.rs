@@ -1,0 +1,145 @@
+//! An episode of a training in progress, and what a checkpoint keeps of it: how it began, and the actions since.
+
+use std::sync::Arc;
+
+use sage_core::generator::OperatingPoint;
+use serde::{Deserialize, Serialize};
+
+use super::Setting;
+use crate::{
+    Error,
+    drive::Drive,
+    environment::{Environment, EnvironmentOptions, Outcome},
+    observation::{LENGTH, mirrored},
+    traffic::Plan,
+    vehicle::{Action, Motion},
+};
+
+/// How the adversary of an episode attacks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Attack {
+    /// Intensity λ.
+    pub(super) lambda: f64,
+    /// Seed of the generator.
+    pub(super) seed: u64,
+    /// The drive that it is planned against; none for the recording.
+    pub(super) drive: Option<Vec<Motion>>,
+}
+
+/// How an episode begins, and what was done in it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct EpisodeRecord {
+    pub(super) scene: usize,
+    /// Number of the episode.
+    pub(super) number: u64,
+    /// Seed of the world.
+    pub(super) world: u64,
+    /// Whether the car drives the mirror image of the scene.
+    pub(super) is_mirrored: bool,
+    /// Steps after which it is cut off, besides the rules.
+    pub(super) limit: Option<usize>,
+    pub(super) attack: Option<Attack>,
+    /// Actions of the driver so far.
+    pub(super) actions: Vec<[f32; 2]>,
+}
+
+impl EpisodeRecord {
+    /// Whether it fits a training.
+    pub(super) fn is_sound(&self, scenes: usize, max_steps: usize) -> bool {
+        let is_finite = |motion: &Motion| motion.is_finite();
+        let drive = self.attack.iter().flat_map(|attack| attack.drive.iter().flatten());
+        self.scene < scenes
+            && self.actions.len() < max_steps
+            && self.actions.iter().flatten().all(|x| x.is_finite())
+            && drive.into_iter().all(is_finite)
+            && self.attack.iter().all(|attack| (0.0..=1.0).contains(&attack.lambda))
+    }
+}
+
+/// What observes an environment.
+pub(super) type Observe = fn(&Environment, &mut [f32; LENGTH]);
+
+/// An episode in progress.
+pub(super) struct RunningEpisode {
+    pub(super) record: EpisodeRecord,
+    pub(super) environment: Environment,
+    pub(super) plan: Option<Arc<Plan>>,
+    pub(super) observation: [f32; LENGTH],
+    pub(super) motions: Vec<Motion>,
+    /// Step of the first contact with the adversary.
+    pub(super) touched_adversary: Option<usize>,
+}
+
+impl RunningEpisode {
+    /// Begins an episode and drives it as its record says.
+    ///
+    /// *Errors*: as [`super::Attacker::plan`], [`Environment::reset`] and [`Environment::step`].
+    pub(super) fn of(
+        record: EpisodeRecord,
+        setting: &Setting,
+        rules: &Arc<EnvironmentOptions>,
+        observe: Observe,
+    ) -> Result<Self, Error> {
+        let scene = &setting.scenes[record.scene];
+        let mut plan = None;
+        if let (Some(attack), Some(attacker)) = (&record.attack, setting.attacker) {
+            let motions = attack.drive.clone();
+            let drive = motions.map(|motions| Drive { motions, ..Drive::default() });
+            let at = OperatingPoint::at(attack.lambda, attack.lambda);
+            plan = Some(attacker.plan(scene, drive.as_ref(), &at, attack.seed)?);
+        }
+        let environment = Environment::reset(scene.clone(), rules.clone(), plan.clone(), record.world)?;
+        let motions = vec![*environment.world().motion()];
+        let actions = record.actions.clone();
+        let mut running = Self {
+            record: EpisodeRecord { actions: Vec::with_capacity(actions.len()), ..record },
+            environment,
+            plan,
+            observation: [0.0; LENGTH],
+            motions,
+            touched_adversary: None,
+        };
+        for action in actions {
+            running.step(action)?;
+        }
+        running.observe(observe);
+        Ok(running)
+    }
+
+    /// Brings the observation up to date.
+    pub(super) fn observe(&mut self, observe: Observe) {
+        observe(&self.environment, &mut self.observation);
+        if self.record.is_mirrored {
+            mirrored(&mut self.observation);
+        }
+    }
+
+    /// One step with an action of the driver.
+    ///
+    /// *Errors*: as [`Environment::step`].
+    pub(super) fn step(&mut self, action: [f32; 2]) -> Result<Outcome, Error> {
+        let [steer, throttle] = action.map(f64::from);
+        let steer = if self.record.is_mirrored { -steer } else { steer };
+        let mut outcome = self.environment.step(Action { steer, throttle })?;
+        self.record.actions.push(action);
+        let world = self.environment.world();
+        self.motions.push(*world.motion());
+        let adversary = self.plan.as_ref().map(|plan| plan.track);
+        let touches = || world.facts().contacts.iter().any(|contact| Some(contact.track) == adversary);
+        if self.touched_adversary.is_none() && touches() {
+            self.touched_adversary = Some(world.step_count());
+        }
+        let is_cut = self.record.limit.is_some_and(|limit| world.step_count() >= limit);
+        outcome.truncated |= is_cut && !outcome.terminated;
+        Ok(outcome)
+    }
+
+    /// Whether it is over, by the rules or by its limit.
+    pub(super) fn is_over(&self) -> bool {
+        let limit = self.record.limit;
+        self.environment.is_over()
+            || limit.is_some_and(|limit| self.environment.world().step_count() >= limit)
+    }
+}

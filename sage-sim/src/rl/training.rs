@@ -77,6 +77,8 @@ pub struct Training<'a> {
     rules: Arc<EnvironmentOptions>,
     observe: Observe,
     slots: Vec<Option<RunningEpisode>>,
+    /// Whether the episodes of the checkpoint are in the slots again.
+    is_resumed: bool,
 }
 
 impl<'a> Training<'a> {
@@ -84,7 +86,7 @@ impl<'a> Training<'a> {
     pub fn new(options: TrainingOptions, setting: Setting<'a>, state: TrainingState) -> Self {
         let slots = (0..options.slots()).map(|_| None).collect();
         let rules = Arc::new(options.rules());
-        Self { options, setting, state, rules, observe: Environment::observe, slots }
+        Self { options, setting, state, rules, observe: Environment::observe, slots, is_resumed: false }
     }
 
     /// With other rules of the environment than [`TrainingOptions::rules`].
@@ -109,7 +111,10 @@ impl<'a> Training<'a> {
     ///
     /// *Errors*: as the system.
     pub fn save(&mut self, folder: &Path, identity: &str) -> io::Result<()> {
-        self.state.episodes = self.slots.iter().map(|slot| Some(slot.as_ref()?.record.clone())).collect();
+        if self.is_resumed {
+            let records = self.slots.iter().map(|slot| Some(slot.as_ref()?.record.clone()));
+            self.state.episodes = records.collect();
+        }
         self.state.save(folder, identity)
     }
 
@@ -148,6 +153,9 @@ impl<'a> Training<'a> {
 
     /// Begins the episodes of a checkpoint again and drives them to where they were.
     fn resume(&mut self) -> Result<(), Stop> {
+        if std::mem::replace(&mut self.is_resumed, true) {
+            return Ok(());
+        }
         for (k, record) in std::mem::take(&mut self.state.episodes).into_iter().enumerate() {
             let Some(record) = record else { continue };
             let scene = record.scene;

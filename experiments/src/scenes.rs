@@ -1,6 +1,7 @@
 //! Lists of scenes. A scene is read when it is needed, so memory holds one scene per thread, however
 //! long the list is.
 
+mod egos;
 mod entry;
 mod failed;
 mod roles;
@@ -29,6 +30,7 @@ use crate::{
     progress::{self, Progress, count},
 };
 
+pub(crate) use egos::with_other_egos;
 use entry::{Entry, Origin, read};
 pub(crate) use failed::{Failed, outcome_without};
 pub(crate) use roles::with_other_roles;

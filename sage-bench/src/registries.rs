@@ -15,6 +15,7 @@ use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
 use sage_sim::{
     avoidable::{Avoidable, TimeToReact},
+    environment::{DrivingReward, reward::driving_rewards},
     metrics::{MeasuredAttack, attack_metrics, avoidable_metrics, drive_metrics, episode_metrics},
     policy::{EgoPolicy, policies},
     rl::{Curriculum, EpisodeRow, SceneSampler, curriculum::curricula, scene_sampler::scene_samplers},
@@ -46,6 +47,8 @@ pub struct Registries {
     pub curricula: Registry<dyn Curriculum>,
     /// Scene samplers of closed-loop training.
     pub scene_samplers: Registry<dyn SceneSampler>,
+    /// Rewards of a driver in training.
+    pub driving_rewards: Registry<dyn DrivingReward>,
     /// Claims of the theory.
     pub claims: Registry<dyn Check>,
     /// Metrics of all kinds of results.
@@ -62,6 +65,7 @@ impl Registries {
         Ok(Self {
             curricula: curricula()?,
             scene_samplers: scene_samplers()?,
+            driving_rewards: driving_rewards()?,
             claims: claims()?,
             metrics: MetricRegistries::shipped()?,
             studies: SHIPPED.to_vec(),
@@ -83,6 +87,7 @@ impl Registries {
             policies: policies()?,
             curricula: Registry::new("curriculum"),
             scene_samplers: Registry::new("scene sampler"),
+            driving_rewards: Registry::new("driving reward"),
             claims: Registry::new("claim"),
             metrics: MetricRegistries::default(),
             studies: Vec::new(),

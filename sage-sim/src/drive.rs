@@ -77,8 +77,8 @@ impl Simulation {
         let world = World::new(scene.clone(), options.clone(), plan, seed)?;
         let track = scene.scene().ego;
         let ego = InformedDriver { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
-        let driving = Driving::start(scene.route(), Localization::Nearest, world.motion());
-        let observation = ObservationKind::Corrected;
+        let observation = policy.observes();
+        let driving = Driving::start(observation.route(scene), Localization::Nearest, world.motion());
         Ok(Self { world, ego, adversary: None, reacting, driving, observation, is_posed: false, shown: None })
     }
 
@@ -127,12 +127,6 @@ impl Simulation {
     /// Lets an adversary that reacts brake from now on.
     pub(crate) fn stop_adversary(&mut self) {
         self.reacting.iter_mut().for_each(Reacting::brake);
-    }
-
-    /// Observations of another kind for the policy; [`ObservationKind::Corrected`] is the default.
-    pub fn with_observation(mut self, kind: ObservationKind) -> Self {
-        self.observation = kind;
-        self
     }
 
     /// The world.
@@ -191,7 +185,7 @@ impl Simulation {
             Control::Drive(action) => action.limited(),
             Control::Pose { .. } => Action::default(),
         };
-        let (route, motion) = (self.world.scene().route(), self.world.motion());
+        let (route, motion) = (self.observation.route(self.world.scene()), self.world.motion());
         self.driving.advance(action, route, Localization::Nearest, motion);
         Ok(())
     }

@@ -5,6 +5,7 @@
 //! off by default; [`EnvironmentOptions::metadrive`] turns all of them on.
 
 mod options;
+pub mod reward;
 mod rules;
 
 use std::sync::Arc;
@@ -16,6 +17,7 @@ use sage_core::{
 };
 
 pub use options::{EnvironmentOptions, Rewards};
+pub use reward::{DrivingReward, RewardSum, RewardedStep};
 pub(crate) use rules::{ARRIVED, BACKWARDS};
 pub use rules::{Outcome, Situation, assess};
 
@@ -23,7 +25,7 @@ use crate::{
     Error,
     observation::{Driving, LENGTH, Observed, Seat, observe},
     reacting::Reacting,
-    route::{Coordinates, Localization},
+    route::{Coordinates, Localization, Route},
     scene::SimScene,
     traffic::Plan,
     vehicle::{Action, SUBSTEP, SUBSTEPS},
@@ -51,6 +53,8 @@ pub struct Environment {
     driving: Driving,
     reacting: Option<Reacting>,
     at: Coordinates,
+    had_arrived: bool,
+    was_off_road: bool,
     is_over: bool,
 }
 
@@ -70,10 +74,10 @@ impl Environment {
         let reacting = plan.as_deref().and_then(|plan| Reacting::of(plan, scene.scene()));
         let world = World::new(scene, options.world.clone(), plan, seed)?;
         let how = options.localization();
-        let route = world.scene().route();
-        let at = route.locate(world.motion().position, how);
-        let driving = Driving::start(route, how, world.motion());
-        Ok(Self { options, world, driving, reacting, at, is_over: false })
+        let at = options.route(world.scene()).locate(world.motion().position, how);
+        let driving = Driving::start(options.observation.route(world.scene()), how, world.motion());
+        let (had_arrived, was_off_road, is_over) = (false, false, false);
+        Ok(Self { options, world, driving, reacting, at, had_arrived, was_off_road, is_over })
     }
 
     /// Advances by one step of 0.1 s.
@@ -129,21 +133,34 @@ impl Environment {
 
     /// Assesses a step and brings the navigation up to date.
     fn finish(&mut self, action: Action, is_late: bool, contact: Option<bool>) -> Outcome {
-        let (outcome, at) = self.assessed(contact);
+        let (mut outcome, at) = self.assessed(contact);
         self.at = at;
+        self.had_arrived |= outcome.arrived;
+        self.was_off_road = outcome.out_of_road;
+        let step = RewardedStep {
+            outcome: &outcome,
+            world: &self.world,
+            action,
+            action_before: self.driving.actions[0],
+        };
+        if let Some(reward) = self.options.reward.of(&step) {
+            outcome.reward = reward;
+        }
         let how = self.options.localization();
         // Under replay the navigation sees the pose that the physics reached from the frame before.
         let coasted = || self.world.motion_before().coasted((SUBSTEPS - 1) as f64 * SUBSTEP);
         let navigated = if is_late { coasted() } else { *self.world.motion() };
         self.driving.is_replayed = is_late;
-        self.driving.advance(action, self.world.scene().route(), how, &navigated);
+        let route = self.options.observation.route(self.world.scene());
+        self.driving.advance(action, route, how, &navigated);
         self.is_over = outcome.terminated || outcome.truncated;
         outcome
     }
 
     /// Writes the observation.
     pub fn observe(&self, out: &mut [f32; LENGTH]) {
-        observe(&Seat::of_ego(&self.world), &self.driving, self.options.observation, out);
+        let kind = self.options.observation;
+        observe(&Seat::of_ego(&self.world, kind), &self.driving, kind, out);
     }
 
     /// What the observation is of, besides the world.
@@ -182,7 +199,7 @@ impl Environment {
         let scene = world.scene();
         let how = self.options.localization();
         let position = world.motion().position;
-        let at = scene.route().locate(position, how);
+        let at = self.options.route(scene).locate(position, how);
         let touched = |kind: fn(&TrackKind) -> bool| {
             let tracks = &scene.scene().tracks;
             world.facts().contacts.iter().any(|contact| kind(&tracks[contact.track].kind))
@@ -198,6 +215,8 @@ impl Environment {
             vehicle_contact: contact.unwrap_or_else(|| touched(|kind| *kind == TrackKind::Vehicle)),
             human_contact: touched(|kind| matches!(kind, TrackKind::Pedestrian | TrackKind::Cyclist)),
             object_contact: touched(|kind| matches!(kind, TrackKind::Other(_))),
+            had_arrived: self.had_arrived,
+            was_off_road: self.was_off_road,
             on_yellow: facts.on_yellow,
             on_edge: if self.options.start_edge_ends { facts.on_edge } else { facts.off_road },
         };
@@ -211,6 +230,11 @@ impl EnvironmentOptions {
     /// Whether a step is the last one that the limit of steps and the length of the log allow.
     fn is_last(&self, step: usize, last_frame: usize) -> bool {
         step >= self.max_steps || (!self.outlast_log && step >= last_frame)
+    }
+
+    /// The route along which progress is measured.
+    fn route<'a>(&self, scene: &'a SimScene) -> &'a Route {
+        if self.goes_on { scene.guide() } else { scene.route() }
     }
 
     /// How positions are located on the route.

@@ -29,6 +29,7 @@ use crate::{
     navigation::Navigation,
     rays,
     route::{Localization, Route},
+    scene::SimScene,
     vehicle::{Action, Motion, SUBSTEP},
     world::World,
 };
@@ -56,9 +57,22 @@ pub enum ObservationKind {
     /// (1 rad/s fills the scale), and an absent neighbour is 50 m ahead at the own velocity.
     #[default]
     Corrected,
+    /// As `Corrected`, but the route goes on along the lanes beyond the end of the recording, as it does for scripted
+    /// policies: 200 m at most.
+    Continued,
     /// As in MetaDrive 0.3: steering divided by 60, the action before the last one, the absolute yaw rate,
     /// zeros for an absent neighbour.
     MetaDrive,
+}
+
+impl ObservationKind {
+    /// The route that the numbers refer to.
+    pub fn route(self, scene: &SimScene) -> &Route {
+        match self {
+            Self::Continued => scene.guide(),
+            Self::Corrected | Self::MetaDrive => scene.route(),
+        }
+    }
 }
 
 /// The car from which a world is seen.
@@ -79,13 +93,13 @@ pub struct Seat<'a> {
 }
 
 impl<'a> Seat<'a> {
-    /// The ego's.
-    pub fn of_ego(world: &'a World) -> Self {
+    /// The ego's, for a kind of observation.
+    pub fn of_ego(world: &'a World, kind: ObservationKind) -> Self {
         Self {
             world,
             motion: world.motion(),
             before: world.motion_before(),
-            route: world.scene().route(),
+            route: kind.route(world.scene()),
             others: world.bodies(),
             ground: world.level(),
         }
@@ -109,7 +123,7 @@ impl Observed<'_> {
     /// The numbers.
     pub fn numbers(self, world: &World) -> Box<[f32; LENGTH]> {
         let mut numbers = Box::new([0.0; LENGTH]);
-        observe(&Seat::of_ego(world), self.driving, self.kind, &mut numbers);
+        observe(&Seat::of_ego(world, self.kind), self.driving, self.kind, &mut numbers);
         numbers
     }
 }
@@ -133,10 +147,11 @@ impl LaterObservation {
     }
 }
 
-/// What each number of the corrected observation is; a policy's file states them.
-pub fn names() -> Vec<String> {
+/// What each number of an observation is; a policy's file states them.
+pub fn names(kind: ObservationKind) -> Vec<String> {
     let vehicle = ["forward", "left", "relative speed forward", "relative speed left"];
     let checkpoint = ["forward", "left", "0", "0.5", "0.5"];
+    let route = if kind == ObservationKind::Continued { "the continued route" } else { "the route" };
     let mut names: Vec<String> = (0..BEAMS).map(|k| format!("solid line at {}°", 90 + 12 * k)).collect();
     let own = [
         "heading against the route",
@@ -146,12 +161,12 @@ pub fn names() -> Vec<String> {
         "last throttle",
         "yaw rate",
     ];
-    names.extend(own.map(str::to_owned));
+    names.extend(own.map(|name| name.replace("the route", route)));
     names.extend((0..LINE_BEAMS).map(|k| format!("line at {}°", 90 + 30 * k)));
     for k in 1..=2 {
         names.extend(checkpoint.map(|what| format!("checkpoint {k}: {what}")));
     }
-    names.push("across the route".to_owned());
+    names.push(format!("across {route}"));
     for k in 1..=NEAREST {
         names.extend(vehicle.map(|what| format!("vehicle {k}: {what}")));
     }
@@ -267,8 +282,8 @@ fn lines(seat: &Seat, axis: Point, write: &mut impl FnMut(usize, f64)) {
 fn own(seat: &Seat, driving: &Driving, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
     let Seat { motion, route, .. } = *seat;
     let along = match kind {
-        ObservationKind::Corrected => route.locate(motion.position, Localization::Nearest).along,
         ObservationKind::MetaDrive => route.locate(motion.position, Localization::MetaDrive).along,
+        _ => route.locate(motion.position, Localization::Nearest).along,
     };
     let direction = route.direction_metadrive(along);
     let (sin, cos) = motion.heading.sin_cos();
@@ -280,7 +295,7 @@ fn own(seat: &Seat, driving: &Driving, kind: ObservationKind, write: &mut impl F
     let [last, before] = driving.actions;
     let yaw_rate = wrap_angle(motion.heading - seat.before.heading) / DT;
     match kind {
-        ObservationKind::Corrected => {
+        ObservationKind::Corrected | ObservationKind::Continued => {
             write(32, scaled(last.steer));
             write(33, scaled(last.steer));
             write(34, scaled(last.throttle));
@@ -317,8 +332,8 @@ fn nearest(seat: &Seat, axis: Point, kind: ObservationKind, write: &mut impl FnM
         }
         // MetaDrive detects neighbours in the last substep, before traffic is set to the frame.
         let area = match kind {
-            ObservationKind::Corrected => body.area,
             ObservationKind::MetaDrive => body.coasted(-SUBSTEP),
+            _ => body.area,
         };
         let is_seen = distance_to(&area, motion.position) <= REACH;
         if !is_seen {
@@ -341,8 +356,8 @@ fn nearest(seat: &Seat, axis: Point, kind: ObservationKind, write: &mut impl FnM
                 let speed = local(sub(body.velocity, motion.velocity)).map(|v| v * KMH / FULL_SPEED);
                 [place[0], place[1], speed[0], speed[1]].map(|x| 0.5 * (x + 1.0))
             }
-            None if kind == ObservationKind::Corrected => [1.0, 0.5, 0.5, 0.5],
-            None => [0.0; 4],
+            None if kind == ObservationKind::MetaDrive => [0.0; 4],
+            None => [1.0, 0.5, 0.5, 0.5],
         };
         for (offset, value) in numbers.into_iter().enumerate() {
             write(59 + 4 * k + offset, value);

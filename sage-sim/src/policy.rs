@@ -51,7 +51,7 @@ pub use tracking::Tracking;
 use crate::{
     Error,
     body::Body,
-    observation::{LENGTH, LaterObservation, Observed},
+    observation::{LENGTH, LaterObservation, ObservationKind, Observed},
     route::{Localization, Route},
     route_lights::{self, RouteLights},
     scene::SimScene,
@@ -131,6 +131,11 @@ pub trait EgoPolicy: Send + Sync {
     /// Whether it drives the recording itself, so that an attack on it is one on the recording.
     fn is_recording(&self) -> bool {
         false
+    }
+
+    /// Which observation it is made for.
+    fn observes(&self) -> ObservationKind {
+        ObservationKind::Corrected
     }
 
     /// Names the folder of a run, for policies that keep logs. Without it they keep temporary ones.

@@ -53,7 +53,7 @@ pub struct SimScene {
     lights: OnceLock<Arc<RouteLights>>,
     ego_size: [f64; 2],
     parked: Vec<bool>,
-    lines: [OnceLock<Lines>; 2],
+    lines: Arc<[OnceLock<Lines>; 2]>,
 }
 
 impl SimScene {
@@ -62,6 +62,21 @@ impl SimScene {
     /// *Errors*: [`Error::Scene`] if the ego is not valid at frame 0, where every drive starts, if a valid frame
     /// of a track is not finite, or if the index is of another map.
     pub fn new(scene: Arc<Scene>, index: Arc<SceneIndex>) -> Result<Arc<Self>, Error> {
+        Self::of(scene, index, Arc::default())
+    }
+
+    /// The same for a scene on the map of this one, such as one with another ego; lines and edges are shared.
+    ///
+    /// *Errors*: as [`SimScene::new`].
+    pub fn on_same_map(&self, scene: Arc<Scene>) -> Result<Arc<Self>, Error> {
+        Self::of(scene, self.index.clone(), self.lines.clone())
+    }
+
+    fn of(
+        scene: Arc<Scene>,
+        index: Arc<SceneIndex>,
+        lines: Arc<[OnceLock<Lines>; 2]>,
+    ) -> Result<Arc<Self>, Error> {
         let ego = scene.ego();
         if !ego.is_valid(0) {
             return Err(Error::Scene {
@@ -94,7 +109,7 @@ impl SimScene {
             lights: OnceLock::new(),
             ego_size,
             parked,
-            lines: Default::default(),
+            lines,
             scene,
             index,
         }))

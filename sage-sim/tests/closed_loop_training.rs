@@ -29,6 +29,7 @@ fn trained(options: &TrainingOptions, every: u64, resumes: bool) -> BTreeMap<Str
         examiner: Some(&chase),
         curriculum: &*curriculum,
         sampler: &*sampler,
+        second_kind: None,
     };
     let state = TrainingState::new(options, training.len()).expect("valid options");
     let mut run = Training::new(options.clone(), setting(), state);
@@ -143,6 +144,7 @@ fn stopped(options: &TrainingOptions, broken: Broken) -> String {
         examiner: None,
         curriculum: &*curriculum,
         sampler: &*sampler,
+        second_kind: None,
     };
     let mut state = TrainingState::new(options, training.len()).expect("valid options");
     if broken == Broken::Weight {

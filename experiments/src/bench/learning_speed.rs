@@ -105,6 +105,7 @@ fn training(repeat: usize) -> Result<Vec<f64>> {
         examiner: None,
         curriculum: &*curriculum,
         sampler: &*sampler,
+        second_kind: None,
     };
     let mut run = Training::new(options, setting, state);
     run.advance(random, |_| ())?;

@@ -3,13 +3,15 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use sage_core::registry::{Entry, Registry};
+use sage_sim::environment::{DrivingReward, RewardSum, reward::Published};
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, SplitArgs,
     attacking::MergerArgs,
     help::{ATTACK, OUTPUT, RUN, SCENE, SELECTION, TRAINING},
 };
-use crate::part::Part;
+use crate::part::{Part, split};
 
 /// Train a driving policy by TD3, alone or against an adversary (SAGE, algorithm 2).
 ///
@@ -75,6 +77,18 @@ pub(crate) struct TrainEgoArgs {
     /// TD3: updates per step of the environment (default: 1, as published).
     #[arg(long, help_heading = TRAINING, value_name = "R")]
     pub ratio: Option<f64>,
+    /// Rewards with weights, by their names in `sage list`, such as 'contact-ends,0.05*smooth'.
+    #[arg(long, help_heading = TRAINING, value_name = "[WEIGHT*]NAME,…", default_value = "published")]
+    pub reward: RewardSpec,
+    /// Arrival and leaving the road do not end an episode; the route goes on along the lanes.
+    #[arg(long, help_heading = TRAINING)]
+    pub goes_on: bool,
+    /// Which vehicles of the scenes are driven in training: the recorded ego, or all that move for 3 s.
+    #[arg(long, help_heading = SCENE, value_name = "WHICH", default_value = "recorded")]
+    pub egos: EgosName,
+    /// Share of the episodes in procedural scenes, beside those of PATH.
+    #[arg(long, help_heading = SCENE, value_name = "SHARE")]
+    pub procedural_share: Option<f64>,
     /// Share of the episodes in the mirror image of their scene, 0 to 1.
     #[arg(long, help_heading = TRAINING, value_name = "SHARE", default_value_t = 0.0)]
     pub mirrored: f64,
@@ -96,6 +110,60 @@ pub(crate) struct TrainEgoArgs {
     pub license: Option<String>,
     #[command(flatten)]
     pub folder: FolderArgs,
+}
+
+/// Which vehicles are driven in training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum EgosName {
+    /// The recorded ego.
+    Recorded,
+    /// Every vehicle that moves and is recorded for at least 3 s.
+    All,
+}
+
+impl EgosName {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Recorded => "recorded",
+            Self::All => "all",
+        }
+    }
+}
+
+/// Rewards with weights.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct RewardSpec(Vec<(f64, Part)>);
+
+impl std::str::FromStr for RewardSpec {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let term = |text: String| {
+            let (weight, name) = match text.split_once('*') {
+                Some((weight, name)) => (weight.trim().parse().ok(), name),
+                None => (Some(1.0), &text[..]),
+            };
+            let weight = weight.filter(|weight: &f64| weight.is_finite());
+            let weight = weight.ok_or_else(|| format!("`{text}` has no weight; write WEIGHT*NAME"))?;
+            Ok((weight, name.parse()?))
+        };
+        split(text).into_iter().map(term).collect::<Result<_, _>>().map(Self)
+    }
+}
+
+impl RewardSpec {
+    /// Builds the rewards; none for the published one alone.
+    pub(crate) fn build(&self, registry: &Registry<dyn DrivingReward>) -> anyhow::Result<RewardSum> {
+        let Self(terms) = self;
+        let built = terms
+            .iter()
+            .map(|(weight, part)| Ok((part.to_string(), *weight, part.build(registry)?)))
+            .collect::<anyhow::Result<Vec<_>>>()?;
+        let is_published = terms.len() == 1
+            && terms[0].0 == 1.0
+            && terms[0].1.name == <Published as Entry<dyn DrivingReward>>::NAME;
+        Ok(if is_published { RewardSum::default() } else { RewardSum::new(built) })
+    }
 }
 
 /// What learns to drive.

@@ -25,6 +25,7 @@ pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     policies(&mut out, &registries.policies, as_json)?;
     print(&mut out, &registries.curricula, as_json)?;
     print(&mut out, &registries.scene_samplers, as_json)?;
+    print(&mut out, &registries.driving_rewards, as_json)?;
     print(&mut out, &registries.claims, as_json)?;
     Ok(Outcome::Done)
 }

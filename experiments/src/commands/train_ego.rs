@@ -6,7 +6,7 @@ mod report;
 mod trained;
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeSet, HashMap},
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering},
@@ -16,7 +16,10 @@ use std::{
 
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_bench::study::in_one_line;
-use sage_core::{files, scene::SceneData};
+use sage_core::{
+    files,
+    scene::{SceneData, SceneIndex},
+};
 use sage_sim::{
     SimScene,
     rl::{Algorithm, BUFFER, CHECKPOINT, TrainingOptions},
@@ -26,25 +29,26 @@ use serde_json::{Map, Value, json};
 use self::{columns::Columns, trained::Trained};
 use crate::{
     Outcome, Registries,
-    cli::{SplitArgs, TrainEgoArgs},
+    cli::{EgosName, SplitArgs, TrainEgoArgs},
     generators::{BuiltGenerator, Generators, weight_hashes},
     networks,
     output::{self, Run, RunState},
     part::Part,
     progress,
-    scenes::{self, Scenes},
+    scenes::{self, Scenes, with_other_egos},
     selection::Selection,
 };
 
 /// Name for no generator.
 const NONE: &str = "none";
 /// Options of a run that are options of the command, not of its configuration.
-const OWN_OPTIONS: [(&str, &str); 7] = [
+const OWN_OPTIONS: [(&str, &str); 8] = [
     ("algorithm", "--learner"),
     ("updates", "--updates"),
     ("ratio", "--ratio"),
     ("ppo_steps", "--steps"),
     ("mirrored", "--mirrored"),
+    ("goes_on", "--goes-on"),
     ("evaluations", "--evaluations"),
     ("seed", "--seeds"),
 ];
@@ -69,6 +73,8 @@ struct Shared<'a> {
     attacker: Option<BuiltGenerator>,
     examiner: Option<BuiltGenerator>,
     options: TrainingOptions,
+    /// Where the procedural scenes begin beside others, and their share.
+    second_kind: Option<(usize, f64)>,
     /// Steps between two checkpoints.
     checkpoint_every: u64,
     columns: Columns,
@@ -80,7 +86,8 @@ struct Shared<'a> {
 
 pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let options = options(args)?;
+    let mut options = options(args)?;
+    options.reward = args.reward.build(&registries.driving_rewards)?;
     args.curriculum.build(&registries.curricula)?;
     args.sampler.build(&registries.scene_samplers)?;
     let selection = Selection::of(registries, &args.selection, None)?;
@@ -106,7 +113,19 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         used["files"][file] = hash.clone();
     }
     let needs_adversary = attacker.is_some() || examiner.is_some();
-    let (training, failed) = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
+    let (mut training, mut failed) = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
+    if args.egos == EgosName::All {
+        training = with_other_egos(training, attacker.is_some());
+    }
+    let mut second_kind = None;
+    if let Some(share) = args.procedural_share.filter(|_| !args.paths.is_empty()) {
+        second_kind = Some((training.len(), share));
+        let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
+        let (procedural, without) = scenes(&[], &every, args.procedural, 0, needs_adversary)?;
+        training.extend(procedural);
+        failed += without;
+    }
+    progress::say(&format!("training in {} scenes with their egos", training.len()));
     let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
     let (evaluation, failed_evaluation) =
         scenes(&args.eval, &every, args.procedural.div_ceil(3), EVALUATION_SEED, needs_adversary)?;
@@ -119,7 +138,8 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         "evaluation_generator": args.eval_method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
         "weights": used,
-        "scenes": hashes[0], "evaluation_scenes": hashes[1], "checkpoint_every": checkpoint_every,
+        "scenes": hashes[0], "egos": args.egos.name(), "procedural_share": args.procedural_share,
+        "reward": options.reward.to_string(), "evaluation_scenes": hashes[1], "checkpoint_every": checkpoint_every,
         "seeds": [args.seeds.start, args.seeds.end], "program": output::program(),
     });
     let own = if args.paths.is_empty() { OWN_LICENSE } else { DATA_LICENSE };
@@ -133,6 +153,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         attacker,
         examiner,
         options,
+        second_kind,
         checkpoint_every,
         weights: if of_attacker { used } else { Value::Null },
         identity,
@@ -184,7 +205,7 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
     }
     let rare: TrainingOptions =
         serde_json::from_value(Value::Object(given)).with_context(|| format!("`{name}`"))?;
-    let TrainEgoArgs { evaluations, mirrored, .. } = *args;
+    let TrainEgoArgs { evaluations, mirrored, goes_on, .. } = *args;
     let algorithm = args.learner.algorithm();
     let of_other = match algorithm {
         Algorithm::Td3 => [("--steps", args.steps.is_some())].to_vec(),
@@ -200,8 +221,17 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
     let defaults = TrainingOptions::default();
     let (updates, ratio) = (args.updates.unwrap_or(defaults.updates), args.ratio.unwrap_or(defaults.ratio));
     let ppo_steps = args.steps.unwrap_or(defaults.ppo_steps);
-    let options =
-        TrainingOptions { algorithm, updates, ratio, ppo_steps, mirrored, evaluations, seed: 0, ..rare };
+    let options = TrainingOptions {
+        algorithm,
+        updates,
+        ratio,
+        ppo_steps,
+        mirrored,
+        goes_on,
+        evaluations,
+        seed: 0,
+        ..rare
+    };
     options.check().map_err(|problem| anyhow!(problem))?;
     Ok(options)
 }
@@ -250,9 +280,17 @@ fn refuse_overlap(args: &TrainEgoArgs, training: &[SceneData], evaluation: &[Sce
 }
 
 fn simulated(data: &[SceneData]) -> Result<Vec<Arc<SimScene>>> {
+    let mut on_map: HashMap<*const SceneIndex, Arc<SimScene>> = HashMap::new();
     data.iter()
         .map(|data| {
-            SimScene::new(data.scene.clone(), data.index.clone()).with_context(|| format!("`{}`", data.name))
+            let known = on_map.get(&Arc::as_ptr(&data.index));
+            let made = match known {
+                Some(known) => known.on_same_map(data.scene.clone()),
+                None => SimScene::new(data.scene.clone(), data.index.clone()),
+            };
+            let scene = made.with_context(|| format!("`{}`", data.name))?;
+            on_map.entry(Arc::as_ptr(&data.index)).or_insert_with(|| scene.clone());
+            Ok(scene)
         })
         .collect()
 }

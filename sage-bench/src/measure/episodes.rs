@@ -133,13 +133,13 @@ fn of_run(name: &str, folder: &Path) -> Result<Vec<Candidate>> {
             policies.filter_map(|file| Some((number(&file, "policy-", ".safetensors")?, file))).collect();
         policies.sort();
         for (step, file) in policies {
-            let (network, _) = read_policy(&file).map_err(|problem| anyhow!(problem))?;
+            let (network, card) = read_policy(&file).map_err(|problem| anyhow!(problem))?;
             let bytes = files::read(&file, MAX_POLICY)?;
             all.push(Candidate {
                 arm: name.to_owned(),
                 training_seed: Some(seed),
                 checkpoint: Some(step),
-                policy: Box::new(ActorPolicy::new(network)),
+                policy: Box::new(ActorPolicy::new(network).observing(card.observes())),
                 identity: json!([name, seed, step, blake3::hash(&bytes).to_hex()[..16]]),
             });
         }

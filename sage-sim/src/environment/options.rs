@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::RewardSum;
 use crate::{
     lines::LineShapes,
     observation::ObservationKind,
@@ -19,6 +20,8 @@ pub struct Rewards {
     pub success: f64,
     /// Penalty off the road.
     pub out_of_road: f64,
+    /// Penalty of each further step off the road, where leaving it does not end the episode.
+    pub staying_out_of_road: f64,
     /// Penalty of a step in contact with a vehicle.
     pub vehicle_contact: f64,
     /// Penalty of a step in contact with an object.
@@ -38,6 +41,7 @@ impl Default for Rewards {
         Self {
             success: 10.0,
             out_of_road: 10.0,
+            staying_out_of_road: 1.0,
             vehicle_contact: 1.0,
             object_contact: 1.0,
             progress: 1.0,
@@ -57,8 +61,14 @@ pub struct EnvironmentOptions {
     pub world: Arc<WorldOptions>,
     /// Rewards and costs.
     pub rewards: Rewards,
+    /// Terms of the reward; the published one if there are none.
+    #[serde(skip)]
+    pub reward: RewardSum,
     /// The observation.
     pub observation: ObservationKind,
+    /// Whether arrival and leaving the road do not end the episode: it lasts to the limit of steps, and the route goes on
+    /// along the lanes. Arrival is rewarded once.
+    pub goes_on: bool,
     /// Largest number of steps; the end of the log ends an episode earlier.
     pub max_steps: usize,
     /// Whether contact with a vehicle ends the episode.
@@ -88,7 +98,9 @@ impl Default for EnvironmentOptions {
         Self {
             world: Arc::default(),
             rewards: Rewards::default(),
+            reward: RewardSum::default(),
             observation: ObservationKind::Corrected,
+            goes_on: false,
             max_steps: 90,
             contact_ends: false,
             outlast_log: false,
@@ -135,7 +147,9 @@ impl EnvironmentOptions {
         Self {
             world: Arc::new(world),
             rewards: Rewards::default(),
+            reward: RewardSum::default(),
             observation: ObservationKind::MetaDrive,
+            goes_on: false,
             max_steps: 251,
             contact_ends: false,
             outlast_log: true,

@@ -33,6 +33,10 @@ pub struct Situation {
     pub object_contact: bool,
     /// On a solid yellow line at the end.
     pub on_yellow: bool,
+    /// Whether the car had arrived before.
+    pub had_arrived: bool,
+    /// Whether it was off the road before.
+    pub was_off_road: bool,
     /// On a road edge at the end that counts ([`EnvironmentOptions::start_edge_ends`]).
     pub on_edge: bool,
 }
@@ -78,7 +82,9 @@ pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
     let out_of_road = s.at.across.abs() > FARTHEST || s.on_edge || (options.yellow_ends && s.on_yellow);
     // The first that applies decides the cost, arrived or not, and the reward unless the car arrived.
     let (penalty, cost) = if out_of_road {
-        (Some(rewards.out_of_road), rewards.out_of_road_cost)
+        let stays = options.goes_on && s.was_off_road;
+        let penalty = if stays { rewards.staying_out_of_road } else { rewards.out_of_road };
+        (Some(penalty), rewards.out_of_road_cost)
     } else if s.vehicle_contact {
         (Some(rewards.vehicle_contact), rewards.vehicle_contact_cost)
     } else if s.object_contact {
@@ -87,7 +93,7 @@ pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
         (None, 0.0)
     };
     let reward = match penalty {
-        _ if arrived => rewards.success,
+        _ if arrived && !(options.goes_on && s.had_arrived) => rewards.success,
         Some(penalty) => -penalty,
         None => rewards.progress * progress,
     };
@@ -95,7 +101,11 @@ pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
         || (!is_short && completion < BACKWARDS)
         || s.object_contact
         || (options.contact_ends && s.vehicle_contact);
-    let mut terminated = arrived || (!is_short && completion > 1.0) || failed;
+    let mut terminated = if options.goes_on {
+        options.contact_ends && (s.vehicle_contact || s.human_contact || s.object_contact)
+    } else {
+        arrived || (!is_short && completion > 1.0) || failed
+    };
     let is_last = options.is_last(s.step, s.last_frame);
     terminated |= is_last && options.limit_terminates;
     Outcome {

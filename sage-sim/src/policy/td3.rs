@@ -26,11 +26,11 @@ impl Entry<dyn EgoPolicy> for Td3 {
     type Options = Td3PolicyOptions;
 
     fn build(options: Td3PolicyOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        let (network, _) = if options.file.as_os_str().is_empty() {
+        let (network, card) = if options.file.as_os_str().is_empty() {
             parse_policy(sage_weights::TD3).map_err(|problem| format!("the shipped policy: {problem}"))?
         } else {
             read_policy(&options.file)?
         };
-        Ok(Box::new(ActorPolicy::new(network)))
+        Ok(Box::new(ActorPolicy::new(network).observing(card.observes())))
     }
 }

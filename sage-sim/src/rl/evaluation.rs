@@ -12,6 +12,7 @@ use crate::{
     drive::{Drive, OffRoad, found},
     environment::{Environment, EnvironmentOptions, Outcome},
     fault::classify,
+    observation::ObservationKind,
     policy::{ControlledVehicle, EgoPolicy, Start, View},
     scene::SimScene,
     traffic::Plan,
@@ -47,7 +48,7 @@ pub struct EpisodeRow {
     pub at_fault: bool,
     /// Contact with the adversary.
     pub adversary: bool,
-    /// Off the road in the last step; `None` on a map without edges.
+    /// Off the road in any step, usually the last one; `None` on a map without edges.
     pub off_road: Option<bool>,
     /// Arrival.
     pub arrived: bool,
@@ -76,7 +77,12 @@ pub fn drive_episode(
     seed: u64,
 ) -> Result<(EpisodeRow, Drive), Error> {
     let adversary = scene.scene().adversary;
-    let mut environment = Environment::reset(scene.clone(), rules.clone(), plan, seed)?;
+    let own = rules.observation == policy.observes() || rules.observation == ObservationKind::MetaDrive;
+    let rules = match own {
+        true => rules.clone(),
+        false => Arc::new(EnvironmentOptions { observation: policy.observes(), ..(**rules).clone() }),
+    };
+    let mut environment = Environment::reset(scene.clone(), rules, plan, seed)?;
     let track = scene.scene().ego;
     let knowledge = policy.knows();
     let mut driver = policy.start(&Start::new(scene, track, knowledge, seed))?;
@@ -137,8 +143,8 @@ impl EpisodeRow {
             self.completion_recorded = outcome.completion;
         }
         self.contact = outcome.vehicle_contact;
-        self.off_road = Some(outcome.out_of_road);
-        self.arrived = outcome.arrived;
+        self.off_road = Some(self.off_road == Some(true) || outcome.out_of_road);
+        self.arrived |= outcome.arrived;
         self.time_limit = outcome.truncated;
     }
 

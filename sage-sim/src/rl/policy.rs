@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::{Network, SingleRow};
 use crate::{
     Error,
+    observation::ObservationKind,
     policy::{Driver, EgoPolicy, Start, View},
     vehicle::Action,
     world::Control,
@@ -14,12 +15,18 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct ActorPolicy {
     network: Arc<Network<f32>>,
+    observes: ObservationKind,
 }
 
 impl ActorPolicy {
     /// The policy of an actor with 101 inputs and 2 outputs.
     pub fn new(network: Network<f32>) -> Self {
-        Self { network: Arc::new(network) }
+        Self { network: Arc::new(network), observes: ObservationKind::Corrected }
+    }
+
+    /// The same for another kind of observation.
+    pub fn observing(self, observes: ObservationKind) -> Self {
+        Self { observes, ..self }
     }
 
     /// The actor.
@@ -29,6 +36,10 @@ impl ActorPolicy {
 }
 
 impl EgoPolicy for ActorPolicy {
+    fn observes(&self) -> ObservationKind {
+        self.observes
+    }
+
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(ActorDriver { network: self.network.clone(), memory: SingleRow::default() }))
     }

@@ -14,7 +14,7 @@ use super::{
     Network, Shape,
     tensor_file::{actor_tensors, hashed_tensors, write_tensors},
 };
-use crate::observation::{self, LENGTH};
+use crate::observation::{self, LENGTH, ObservationKind};
 
 /// Key of the card in the header.
 const CARD: &str = "card";
@@ -46,12 +46,20 @@ pub struct PolicyCard {
 }
 
 impl PolicyCard {
-    /// A card for policies of this version's observation.
-    pub fn new(training: Value, evaluation: Value, license: String) -> Self {
-        let observation = observation::names();
+    /// A card for policies of a kind of observation.
+    pub fn new(kind: ObservationKind, training: Value, evaluation: Value, license: String) -> Self {
+        let observation = observation::names(kind);
         let observation_hash = hash(&observation);
         let format = FORMAT.to_owned();
         Self { format, observation, observation_hash, training, evaluation, license, is_hashed: false }
+    }
+}
+
+impl PolicyCard {
+    /// The kind of observation that the policy is made for.
+    pub fn observes(&self) -> ObservationKind {
+        let continued = ObservationKind::Continued;
+        if self.observation == observation::names(continued) { continued } else { ObservationKind::Corrected }
     }
 }
 
@@ -127,7 +135,7 @@ pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), String> 
 
 /// Refuses another observation, and says which of its numbers differ.
 fn check_observation(card: &PolicyCard) -> Result<(), String> {
-    let known = observation::names();
+    let known = observation::names(card.observes());
     let differs = |k: &usize| card.observation.get(*k) != known.get(*k);
     let all: Vec<usize> = (0..known.len().max(card.observation.len())).filter(differs).collect();
     let Some(first) = all.first() else {
@@ -173,7 +181,15 @@ mod tests {
     fn policy() -> (Network<f32>, PolicyCard) {
         let shape = Shape { inputs: LENGTH, hidden: [4, 3], outputs: 2 };
         let network = Network::random(shape, &mut sage_core::seed::Rng::new(1, "policy", "test"));
-        (network, PolicyCard::new(json!({"seed": 1}), json!({"scenes": 3}), "none".to_owned()))
+        (
+            network,
+            PolicyCard::new(
+                ObservationKind::Corrected,
+                json!({"seed": 1}),
+                json!({"scenes": 3}),
+                "none".to_owned(),
+            ),
+        )
     }
 
     #[test]
@@ -191,7 +207,12 @@ mod tests {
         let path = folder.path().join("policy.safetensors");
         let shape = Shape { inputs: LENGTH, hidden: [1, 1], outputs: 2 };
         let network = Network::random(shape, &mut sage_core::seed::Rng::new(1, "policy", "test"));
-        let card = PolicyCard::new(json!({"seed": 1}), json!({"scenes": 3}), "none".to_owned());
+        let card = PolicyCard::new(
+            ObservationKind::Corrected,
+            json!({"seed": 1}),
+            json!({"scenes": 3}),
+            "none".to_owned(),
+        );
         write_policy(&path, &network, &card).expect("written");
         let good = std::fs::read(&path).expect("read");
         let expected = parse_policy(&good).expect("whole");

@@ -45,6 +45,8 @@ pub struct Setting<'a> {
     pub curriculum: &'a dyn Curriculum,
     /// Which scene is next.
     pub sampler: &'a dyn SceneSampler,
+    /// Where the scenes of a second kind begin, and the share of the episodes that is in them.
+    pub second_kind: Option<(usize, f64)>,
 }
 
 /// Why a run stops before its end.
@@ -197,7 +199,15 @@ impl<'a> Training<'a> {
 
     /// The scene of an episode.
     fn draw_scene(&self, episode: u64, rng: &mut Rng) -> usize {
-        self.setting.sampler.draw(&self.state.records, episode, rng)
+        let (records, sampler) = (&self.state.records, self.setting.sampler);
+        let Some((first, share)) = self.setting.second_kind else {
+            return sampler.draw(records, episode, rng);
+        };
+        let (main, second) = records.split_at(first);
+        if second.is_empty() || (rng.unit() >= share && !main.is_empty()) {
+            return sampler.draw(main, episode, rng);
+        }
+        first + sampler.draw(second, episode, rng)
     }
 
     fn begin_in(
@@ -250,7 +260,7 @@ impl<'a> Training<'a> {
         if is_fresh || !self.state.learner.has_learnt(steps) {
             return Ok(());
         }
-        let policy = ActorPolicy::new(self.state.learner.actor());
+        let policy = ActorPolicy::new(self.state.learner.actor()).observing(self.options.observation());
         let (_, drive) = drive_episode(&policy, &self.setting.scenes[scene], None, &self.rules, world)?;
         self.store(scene, drive.motions);
         Ok(())
@@ -325,7 +335,7 @@ impl<'a> Training<'a> {
         let [loss, value] = self.state.learner.take_losses();
         self.state.loss_curve.push([steps as f64, loss, value]);
         let actor = self.state.learner.actor();
-        let policy = ActorPolicy::new(actor.clone());
+        let policy = ActorPolicy::new(actor.clone()).observing(self.options.observation());
         let rules = evaluation_rules(&self.rules);
         let (mut unchanged, mut attacked) = (Vec::new(), Vec::new());
         for number in 0..self.setting.evaluation.len() {

@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Learner, Ppo, PpoOptions, Td3, Td3Options};
-use crate::environment::EnvironmentOptions;
+use crate::{
+    environment::{EnvironmentOptions, RewardSum},
+    observation::ObservationKind,
+};
 
 /// Most steps of a training by PPO.
 const MOST_STEPS: u64 = 1 << 40;
@@ -37,6 +40,11 @@ pub struct TrainingOptions {
     pub environments: usize,
     /// PPO: steps in all; the last batch is a whole one.
     pub ppo_steps: u64,
+    /// Whether arrival and leaving the road do not end an episode, and the observed route goes on beyond the recording's.
+    pub goes_on: bool,
+    /// Terms of the reward; the published one if there are none.
+    #[serde(skip)]
+    pub reward: RewardSum,
     /// Share of episodes in which the car drives the mirror image of the scene, 0 to 1.
     pub mirrored: f64,
     /// Largest number of steps of an episode; above 91 it goes on after the end of the recording, without traffic.
@@ -65,6 +73,8 @@ impl Default for TrainingOptions {
             ratio: 1.0,
             environments: 1,
             ppo_steps: 1_000_000,
+            goes_on: false,
+            reward: RewardSum::default(),
             mirrored: 0.0,
             max_steps: 91,
             limit_is_terminal: false,
@@ -149,12 +159,21 @@ impl TrainingOptions {
         Ok(())
     }
 
+    /// The observation of the policy.
+    pub fn observation(&self) -> ObservationKind {
+        if self.goes_on { ObservationKind::Continued } else { ObservationKind::Corrected }
+    }
+
     /// Rules of the training episodes.
     pub fn rules(&self) -> EnvironmentOptions {
         EnvironmentOptions {
             max_steps: self.max_steps,
             outlast_log: self.max_steps > 91,
             limit_terminates: self.limit_is_terminal,
+            contact_ends: self.reward.contact_ends(),
+            reward: self.reward.clone(),
+            goes_on: self.goes_on,
+            observation: self.observation(),
             ..EnvironmentOptions::training()
         }
     }

@@ -38,6 +38,7 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         examiner: shared.examiner.as_ref().map(|adversary| adversary as _),
         curriculum: &*curriculum,
         sampler: &*sampler,
+        second_kind: shared.second_kind,
     };
     let total = options.steps();
     let random = if options.algorithm == Algorithm::Td3 { options.td3.random_steps } else { 0 };
@@ -113,12 +114,14 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCa
         "algorithm": report::algorithm(&options), "generator": args.method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "weights": shared.weights,
         "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
-        "scenes": shared.identity["scenes"], "options": options,
+        "scenes": shared.identity["scenes"], "egos": args.egos.name(),
+        "procedural_scenes": args.procedural_share.map(|share| json!({"scenes": args.procedural, "share": share})),
+        "reward": options.reward.to_string(), "options": options,
     });
     let measured = json!({
         "scenes": shared.identity["evaluation_scenes"], "attacks": args.eval_method.to_string(),
         "unchanged": report::means(&shared.columns, &evaluation.unchanged),
         "attacked": report::means(&shared.columns, &evaluation.attacked),
     });
-    PolicyCard::new(training, measured, shared.license.clone())
+    PolicyCard::new(options.observation(), training, measured, shared.license.clone())
 }

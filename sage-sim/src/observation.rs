@@ -28,8 +28,10 @@ use crate::{
     lines::LineKind,
     navigation::Navigation,
     rays,
-    route::{Localization, Route},
+    route::{Coordinates, Localization, Route},
+    route_lights::state,
     scene::SimScene,
+    traffic::speed_limit,
     vehicle::{Action, Motion, SUBSTEP},
     world::World,
 };
@@ -38,6 +40,8 @@ use crate::{
 pub const LENGTH: usize = 101;
 /// Reach of all detectors, metres.
 const REACH: f64 = 50.0;
+/// Distances of the points of the route that lie ahead, metres.
+const AHEAD: [f64; 2] = [30.0, 50.0];
 /// Beams of the side detector and of the lidar.
 const BEAMS: usize = 30;
 /// Beams of the lane-line detector.
@@ -57,8 +61,9 @@ pub enum ObservationKind {
     /// (1 rad/s fills the scale), and an absent neighbour is 50 m ahead at the own velocity.
     #[default]
     Corrected,
-    /// As `Corrected`, but the route goes on along the lanes beyond the end of the recording, as it does for scripted
-    /// policies: 200 m at most.
+    /// As `Corrected`, but with what scripted policies see: the route goes on along the lanes beyond the end of the
+    /// recording, by 200 m at most; the beams to solid lines meet road edges too; and the constants make room for the
+    /// route 30 and 50 m ahead, the speed limit, and the distance to the next red light on the route.
     Continued,
     /// As in MetaDrive 0.3: steering divided by 60, the action before the last one, the absolute yaw rate,
     /// zeros for an absent neighbour.
@@ -152,7 +157,8 @@ pub fn names(kind: ObservationKind) -> Vec<String> {
     let vehicle = ["forward", "left", "relative speed forward", "relative speed left"];
     let checkpoint = ["forward", "left", "0", "0.5", "0.5"];
     let route = if kind == ObservationKind::Continued { "the continued route" } else { "the route" };
-    let mut names: Vec<String> = (0..BEAMS).map(|k| format!("solid line at {}°", 90 + 12 * k)).collect();
+    let line = if kind == ObservationKind::Continued { "solid line or edge" } else { "solid line" };
+    let mut names: Vec<String> = (0..BEAMS).map(|k| format!("{line} at {}°", 90 + 12 * k)).collect();
     let own = [
         "heading against the route",
         "speed of 80 km/h",
@@ -163,8 +169,15 @@ pub fn names(kind: ObservationKind) -> Vec<String> {
     ];
     names.extend(own.map(|name| name.replace("the route", route)));
     names.extend((0..LINE_BEAMS).map(|k| format!("line at {}°", 90 + 30 * k)));
-    for k in 1..=2 {
-        names.extend(checkpoint.map(|what| format!("checkpoint {k}: {what}")));
+    let others = ["speed limit of 80 km/h", "next red light on the route of 50 m"];
+    for (k, other) in (1..=2).zip(others) {
+        let named = checkpoint.map(|what| format!("checkpoint {k}: {what}"));
+        if kind == ObservationKind::Continued {
+            let point = ["forward", "left"].map(|what| format!("route in {} m: {what}", AHEAD[k - 1]));
+            names.extend(named.into_iter().take(2).chain(point).chain([other.to_owned()]));
+        } else {
+            names.extend(named);
+        }
     }
     names.push(format!("across {route}"));
     for k in 1..=NEAREST {
@@ -190,6 +203,8 @@ pub fn mirrored(numbers: &mut [f32; LENGTH]) {
     beams(&mut numbers[36..36 + LINE_BEAMS], LINE_BEAMS / 2);
     beams(&mut numbers[71..], 0);
     let sideways = [30, 32, 33, 35, 49, 54, 58].into_iter();
+    // Where an observation has them, the points of the route ahead; a constant of 0.5 stays what it is.
+    let sideways = sideways.chain([51, 56]);
     let of_vehicles = (0..NEAREST).flat_map(|k| [60 + 4 * k, 62 + 4 * k]);
     sideways.chain(of_vehicles).for_each(|k| numbers[k] = 1.0 - numbers[k]);
 }
@@ -240,9 +255,12 @@ pub fn observe(seat: &Seat, driving: &Driving, kind: ObservationKind, out: &mut 
     let (sin, cos) = seat.motion.heading.sin_cos();
     let axis = [cos, sin];
     let mut write = |at: usize, value: f64| out[at] = (value as f32).clamp(0.0, 1.0);
-    lines(seat, axis, &mut write);
+    lines(seat, axis, kind, &mut write);
     own(seat, driving, kind, &mut write);
     navigation(seat.route, driving, kind, &mut write);
+    if kind == ObservationKind::Continued {
+        ahead(seat, driving, axis, &mut write);
+    }
     nearest(seat, axis, kind, &mut write);
     lidar(seat, axis, kind, &mut write);
 }
@@ -252,7 +270,7 @@ fn turned(axis: Point, beam: Point) -> Point {
 }
 
 /// Beams to lines; the first points to the left.
-fn lines(seat: &Seat, axis: Point, write: &mut impl FnMut(usize, f64)) {
+fn lines(seat: &Seat, axis: Point, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
     let (beams, line_beams) = &*BEAM_TABLES;
     let left = [-axis[1], axis[0]];
     let (world, from) = (seat.world, seat.motion.position);
@@ -269,7 +287,10 @@ fn lines(seat: &Seat, axis: Point, write: &mut impl FnMut(usize, f64)) {
         };
         lines.grid().cast(from, direction, REACH, hit) / REACH
     };
-    let is_solid = |kind| matches!(kind, LineKind::SolidWhite | LineKind::SolidYellow);
+    let is_solid: fn(LineKind) -> bool = match kind {
+        ObservationKind::Continued => |kind| kind != LineKind::Broken,
+        _ => |kind| matches!(kind, LineKind::SolidWhite | LineKind::SolidYellow),
+    };
     for (k, beam) in beams.iter().enumerate() {
         write(k, cast(*beam, is_solid));
     }
@@ -320,6 +341,25 @@ fn navigation(route: &Route, driving: &Driving, kind: ObservationKind, write: &m
     let is_unknown = kind == ObservationKind::MetaDrive && driving.step == 0;
     let across = if is_unknown { 0.0 } else { driving.navigation.at.across };
     write(58, 0.5 * (across / 20.0 + 1.0));
+}
+
+/// What lies ahead on the route: two of its points, the speed limit, the next red light. In place of constants.
+fn ahead(seat: &Seat, driving: &Driving, axis: Point, write: &mut impl FnMut(usize, f64)) {
+    let (world, position) = (seat.world, seat.motion.position);
+    let along = driving.navigation.at.along;
+    for (at, distance) in [(50, AHEAD[0]), (55, AHEAD[1])] {
+        let point = seat.route.point(Coordinates { along: along + distance, across: 0.0 });
+        let d = sub(point, position);
+        for (k, x) in [dot(d, axis), cross(axis, d)].into_iter().enumerate() {
+            write(at + k, 0.5 * (x / REACH + 1.0));
+        }
+    }
+    let scene = world.scene();
+    write(52, speed_limit(scene, position).map_or(1.0, |limit| limit * KMH / FULL_SPEED));
+    let lights = scene.lights();
+    let is_red = |light| state(scene.scene(), light, world.step_count()).is_red();
+    let mut stops = lights.stops().iter().filter(|stop| stop.along > along && is_red(stop.light));
+    write(57, stops.next().map_or(1.0, |stop| (stop.along - along) / REACH));
 }
 
 /// The nearest vehicles, by the distance of their centres.

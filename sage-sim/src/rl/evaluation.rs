@@ -106,6 +106,10 @@ pub fn drive_episode(
         let outcome = environment.step_with(control)?;
         drive.motions.push(*environment.world().motion());
         row.count(&outcome, environment.world().step_count());
+        if environment.options().goes_on {
+            row.completion = row.completion.min(1.0);
+            row.completion_recorded = row.completion_recorded.min(1.0);
+        }
     }
     row.off_road = row.off_road.filter(|_| off_road.is_measured());
     let world = environment.world();

@@ -264,6 +264,6 @@ fn cut_norm<T: Real>(parts: &mut [&mut Vec<T>], most: f64) {
     let norm = parts.iter().flat_map(|part| part.iter()).map(|x| x.wide().powi(2)).sum::<f64>().sqrt();
     if norm > most {
         let factor = T::of(most / norm);
-        parts.iter_mut().flat_map(|part| part.iter_mut()).for_each(|x| *x = *x * factor);
+        parts.iter_mut().flat_map(|part| part.iter_mut()).for_each(|x| *x *= factor);
     }
 }

@@ -78,7 +78,8 @@ impl Simulation {
         let track = scene.scene().ego;
         let ego = InformedDriver { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
         let observation = policy.observes();
-        let driving = Driving::start(observation.route(scene), Localization::Nearest, world.motion());
+        let driving =
+            Driving::start(observation, observation.route(scene), Localization::Nearest, world.motion());
         Ok(Self { world, ego, adversary: None, reacting, driving, observation, is_posed: false, shown: None })
     }
 

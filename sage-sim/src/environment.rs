@@ -75,7 +75,12 @@ impl Environment {
         let world = World::new(scene, options.world.clone(), plan, seed)?;
         let how = options.localization();
         let at = options.route(world.scene()).locate(world.motion().position, how);
-        let driving = Driving::start(options.observation.route(world.scene()), how, world.motion());
+        let driving = Driving::start(
+            options.observation,
+            options.observation.route(world.scene()),
+            how,
+            world.motion(),
+        );
         let (had_arrived, was_off_road, is_over) = (false, false, false);
         Ok(Self { options, world, driving, reacting, at, had_arrived, was_off_road, is_over })
     }

@@ -18,14 +18,16 @@ const REACH: f64 = 50.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Navigation {
     next: [usize; 2],
+    /// Whether a car aside of the route keeps its checkpoints, as in MetaDrive: on the right only.
+    keeps_aside: bool,
     /// Coordinates on the route at the last update.
     pub at: Coordinates,
 }
 
 impl Navigation {
     /// Navigation at the start of a drive.
-    pub fn start(route: &Route, how: Localization, position: Point) -> Self {
-        let mut navigation = Self { next: [0, 1], at: Coordinates::default() };
+    pub fn start(route: &Route, how: Localization, position: Point, keeps_aside: bool) -> Self {
+        let mut navigation = Self { next: [0, 1], keeps_aside, at: Coordinates::default() };
         navigation.update(route, how, position);
         navigation
     }
@@ -38,7 +40,7 @@ impl Navigation {
         };
         self.at = found;
         let last = last(route);
-        if self.next == [last, last] || found.across >= ASIDE {
+        if self.next == [last, last] || (self.keeps_aside && found.across >= ASIDE) {
             return;
         }
         // Truncation towards zero, as in MetaDrive: just before the start counts as the first stretch.

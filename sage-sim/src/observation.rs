@@ -225,9 +225,10 @@ pub struct Driving {
 }
 
 impl Driving {
-    /// At the start of a drive.
-    pub fn start(route: &Route, how: Localization, motion: &Motion) -> Self {
-        let navigation = Navigation::start(route, how, motion.position);
+    /// At the start of a drive that is observed in some way.
+    pub fn start(kind: ObservationKind, route: &Route, how: Localization, motion: &Motion) -> Self {
+        let keeps_aside = kind != ObservationKind::Continued;
+        let navigation = Navigation::start(route, how, motion.position, keeps_aside);
         let actions = [Action::default(); 2];
         Self { actions, navigation, navigated: *motion, step: 0, is_replayed: false }
     }

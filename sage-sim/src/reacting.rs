@@ -82,7 +82,7 @@ impl Reacting {
             }
             empty => {
                 let driver = self.reaction.policy.start(&world.scene().scene().id, self.reaction.seed);
-                let driving = Driving::start(&self.route, how, &motion);
+                let driving = Driving::start(ObservationKind::Corrected, &self.route, how, &motion);
                 let was = world.bodies_before().iter().find(|body| body.track == self.track);
                 let heading = was.map_or(motion.heading, |body| body.heading);
                 let before = Motion { heading, ..motion };

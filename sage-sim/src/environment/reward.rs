@@ -20,6 +20,7 @@ pub fn driving_rewards() -> Result<Registry<dyn DrivingReward>, Error> {
         .with::<Published>()?
         .with::<ContactEnds>()?
         .with::<Progress>()?
+        .with::<OffRoad>()?
         .with::<Smooth>()?
         .with::<SpeedLimit>()
 }
@@ -190,6 +191,27 @@ impl Entry<dyn DrivingReward> for Progress {
 impl DrivingReward for Progress {
     fn of(&self, step: &RewardedStep) -> f64 {
         step.outcome.progress
+    }
+}
+
+/// The reward `off-road`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct OffRoad;
+
+impl Entry<dyn DrivingReward> for OffRoad {
+    const NAME: &'static str = "off-road";
+    const SUMMARY: &'static str = "less 1 for each step off the road";
+    const SOURCE: &'static str = "this project";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn DrivingReward>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl DrivingReward for OffRoad {
+    fn of(&self, step: &RewardedStep) -> f64 {
+        -f64::from(u8::from(step.outcome.out_of_road))
     }
 }
 

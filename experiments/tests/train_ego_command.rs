@@ -97,15 +97,19 @@ fn wrong_uses_are_refused_with_the_remedy() {
         stderr(&output).to_owned()
     };
     let scene = example();
-    let wrong: [&[&str]; 6] = [
+    let wrong: [&[&str]; 8] = [
         &["cta"],
         &["sage", "--curriculum", "papre"],
         &["sage", "--sampler", "some"],
         &["sage", "--curriculum", r#"constant{"lambda": 2}"#],
         &["none", "--ratio", "4"],
+        &["none", "--steps", "4000"],
+        &["none", "--reward", "0.1*smoth"],
         &["none", &scene, "--eval", &scene],
     ];
     assert_snapshot!("wrong_options_of_train_ego", messages(wrong.map(|more| (more.join(" "), error(more)))));
+    let ppo = ["train-ego", "--learner", "ppo", "--updates", "5", "--out", text(&out)];
+    assert_snapshot!(failure(&ppo), @"error: --updates is no option of `--learner ppo`; its length is given by --steps");
     let configurations = [r#"{"updates": 5}"#, r#"{"max_step": 5}"#, r#"{"max_steps": 1}"#, "nowhere.yaml"];
     let config = |text_of: &str| failure(&["train-ego", "--config", text_of, "--out", text(&out)]);
     assert_snapshot!(
@@ -120,4 +124,74 @@ fn wrong_uses_are_refused_with_the_remedy() {
     note: weights `procedural` (network densetnt)
     error: `[folder]` holds no policies of finished seeds; expected `seed-0/policy-….safetensors`
     ");
+}
+
+#[test]
+fn a_policy_by_ppo_with_all_options_drives_everywhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let [run, again, table] = ["run", "again", "table"].map(path);
+    let scene = example();
+    let config = r#"{"ppo": {"hidden": [16, 16], "environments": 8, "horizon": 10, "minibatch": 40}}"#;
+    let options = [
+        "train-ego",
+        &scene,
+        "--learner",
+        "ppo",
+        "--steps",
+        "800",
+        "--goes-on",
+        "--egos",
+        "all",
+        "--mirrored",
+        "0.5",
+        "--procedural-share",
+        "0.5",
+        "--procedural",
+        "6",
+        "--reward",
+        "contact-ends,2*speed-limit,0.1*smooth",
+        "--evaluations",
+        "2",
+        "--checkpoint-every",
+        "200",
+        "--method",
+        "rule",
+        "--eval-method",
+        "none",
+        "--config",
+        config,
+    ];
+    let train = |more: &[&str]| sage(&[&options[..], more].concat());
+    let first = train(&["--seeds", "0..2", "--out", text(&run)]);
+    assert!(stdout(&first).contains("| 1 | unchanged |"), "{}", stdout(&first));
+    assert!(stderr(&first).contains("scenes, each with one ego"), "{}", stderr(&first));
+    stdout(&train(&["--seeds", "1..2", "--threads", "1", "--out", text(&again)]));
+    let read = |path: &std::path::Path| fs::read(path).unwrap();
+    for name in
+        ["policy.safetensors", "episodes.csv", "evaluations.csv", "README.md"].map(|n| format!("seed-1/{n}"))
+    {
+        assert!(
+            read(&run.join(&name)) == read(&again.join(&name)),
+            "{name} depends on threads or other seeds"
+        );
+    }
+    let policy = run.join("seed-1/policy.safetensors");
+    let ego = format!("td3:{}", policy.display());
+    let drives = rows(&sage(&["simulate", &scene, "--ego", &ego, "--json", "--out", text(&path("drives"))]));
+    assert_eq!(drives.len(), 1);
+    let runs = format!("quick={}", run.display());
+    let bench = [
+        "bench",
+        "closed-loop",
+        "--procedural",
+        "3",
+        "--runs",
+        &runs,
+        "--method",
+        "rule",
+        "--out",
+        text(&table),
+    ];
+    assert!(stdout(&sage(&bench)).contains("quick"));
 }

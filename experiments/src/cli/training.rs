@@ -87,10 +87,10 @@ pub(crate) struct TrainEgoArgs {
     #[arg(long, help_heading = SCENE, value_name = "WHICH", default_value = "recorded")]
     pub egos: EgosName,
     /// Share of the episodes in procedural scenes, beside those of PATH.
-    #[arg(long, help_heading = SCENE, value_name = "SHARE")]
+    #[arg(long, help_heading = SCENE, value_name = "SHARE", value_parser = share)]
     pub procedural_share: Option<f64>,
     /// Share of the episodes in the mirror image of their scene, 0 to 1.
-    #[arg(long, help_heading = TRAINING, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, help_heading = TRAINING, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
     pub mirrored: f64,
     /// Seeds, as FIRST..END (END is not among them).
     #[arg(long, help_heading = RUN, value_name = "A..B", default_value = "0..1", value_parser = seeds)]
@@ -182,6 +182,11 @@ impl LearnerName {
             Self::Ppo => sage_sim::rl::Algorithm::Ppo,
         }
     }
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| (0.0..=1.0).contains(value));
+    value.ok_or_else(|| format!("`{text}` is not a share; write a number from 0 to 1"))
 }
 
 fn seeds(text: &str) -> Result<std::ops::Range<u64>, String> {

@@ -125,7 +125,9 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         training.extend(procedural);
         failed += without;
     }
-    progress::say(&format!("training in {} scenes with their egos", training.len()));
+    if args.egos == EgosName::All || second_kind.is_some() {
+        progress::say(&format!("training in {} scenes, each with one ego", training.len()));
+    }
     let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
     let (evaluation, failed_evaluation) =
         scenes(&args.eval, &every, args.procedural.div_ceil(3), EVALUATION_SEED, needs_adversary)?;

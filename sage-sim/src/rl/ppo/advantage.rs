@@ -55,10 +55,10 @@ mod tests {
         };
         let sum = |start: usize| {
             let (mut sum, mut factor) = (0.0, 1.0);
-            for t in start..rewards.len() {
+            for (t, after) in after.iter().enumerate().skip(start) {
                 sum += factor * delta(t);
                 factor *= g * l;
-                if after[t] != After::Next {
+                if *after != After::Next {
                     break;
                 }
             }

@@ -13,11 +13,10 @@ use super::{
 };
 use crate::part::{Part, split};
 
-/// Train a driving policy by TD3, alone or against an adversary (SAGE, algorithm 2).
+/// Train a driving policy by TD3 or PPO, alone or against an adversary (SAGE, algorithm 2).
 ///
 /// Every episode is a scene in which the adversary attacks with the probability and intensity of the curriculum; the
-/// generator plans against the newest drive of the policy in that scene. After every step follow --ratio updates. At
-/// fixed steps the policy is evaluated on the scenes of --eval, unchanged and under attack at λ = 1.
+/// generator plans against the newest drive of the policy in that scene. At fixed steps the policy is evaluated on the scenes of --eval, unchanged and under attack at λ = 1.
 ///
 /// The output folder holds a folder per seed (`seed-0/`): `policy.safetensors` with its card, the policies of the last
 /// five evaluations, `evaluations.csv`, `episodes.csv`, and a checkpoint; beside them `curves.csv`, SVG curves and
@@ -27,6 +26,7 @@ use crate::part::{Part, split};
 #[command(after_help = "\
 Examples:
   sage train-ego --method none --updates 20000 --seeds 0..1 --out run/
+  sage train-ego --learner ppo --method none --mirrored 0.5 --out run/
   sage train-ego scenes/ --splits docs/results/splits.json --split train \\
       --eval dev-scenes/ --method sage --updates 200000 --ratio 0.5 \\
       --seeds 0..5 --out run/")]
@@ -42,7 +42,7 @@ pub(crate) struct TrainEgoArgs {
     /// Evaluate on scenes of the training too.
     #[arg(long, help_heading = SCENE)]
     pub allow_overlap: bool,
-    /// Number of procedural scenes for training, if no PATH is given; a third as many are for evaluation.
+    /// Number of procedural scenes for training, without PATH or with --procedural-share; without PATH a third as many are for evaluation.
     #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 120, value_parser = clap::value_parser!(u64).range(3..=MOST_PROCEDURAL))]
     pub procedural: u64,
     /// Generator of the attacks, by its name in `sage list`, or none.
@@ -69,7 +69,7 @@ pub(crate) struct TrainEgoArgs {
     #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "td3")]
     pub learner: LearnerName,
     /// PPO: steps of 0.1 s in all (default: 1000000).
-    #[arg(long, help_heading = TRAINING, value_name = "N")]
+    #[arg(long, help_heading = TRAINING, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub steps: Option<u64>,
     /// TD3: updates of the networks (default: 100000).
     #[arg(long, help_heading = TRAINING, value_name = "N")]
@@ -87,7 +87,7 @@ pub(crate) struct TrainEgoArgs {
     #[arg(long, help_heading = SCENE, value_name = "WHICH", default_value = "recorded")]
     pub egos: EgosName,
     /// Share of the episodes in procedural scenes, beside those of PATH.
-    #[arg(long, help_heading = SCENE, value_name = "SHARE", value_parser = share)]
+    #[arg(long, help_heading = SCENE, value_name = "SHARE", requires = "paths", value_parser = share)]
     pub procedural_share: Option<f64>,
     /// Share of the episodes in the mirror image of their scene, 0 to 1.
     #[arg(long, help_heading = TRAINING, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]

@@ -205,6 +205,13 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
     if let Some((key, option)) = OWN_OPTIONS.iter().find(|(key, _)| given.contains_key(*key)) {
         bail!("`{name}`: `{key}` is not part of a configuration; give {option}");
     }
+    let of_other: &[&str] = match args.learner.algorithm() {
+        Algorithm::Td3 => &["ppo"],
+        Algorithm::Ppo => &["td3", "environments"],
+    };
+    if let Some(key) = of_other.iter().find(|key| given.contains_key(**key)) {
+        bail!("`{name}`: `{key}` is an option of the other learner; see --learner");
+    }
     let rare: TrainingOptions =
         serde_json::from_value(Value::Object(given)).with_context(|| format!("`{name}`"))?;
     let TrainEgoArgs { evaluations, mirrored, goes_on, .. } = *args;

@@ -73,6 +73,8 @@ pub struct EnvironmentOptions {
     pub max_steps: usize,
     /// Whether contact with a vehicle ends the episode.
     pub contact_ends: bool,
+    /// Whether contact with any road user or object ends the episode.
+    pub any_contact_ends: bool,
     /// MetaDrive: episodes continue after the end of the log, without traffic.
     pub outlast_log: bool,
     /// MetaDrive: a solid yellow line is off the road.
@@ -103,6 +105,7 @@ impl Default for EnvironmentOptions {
             goes_on: false,
             max_steps: 90,
             contact_ends: false,
+            any_contact_ends: false,
             outlast_log: false,
             yellow_ends: false,
             start_edge_ends: false,
@@ -152,6 +155,7 @@ impl EnvironmentOptions {
             goes_on: false,
             max_steps: 251,
             contact_ends: false,
+            any_contact_ends: false,
             outlast_log: true,
             yellow_ends: true,
             start_edge_ends: true,

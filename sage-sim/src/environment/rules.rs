@@ -97,15 +97,12 @@ pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
         Some(penalty) => -penalty,
         None => rewards.progress * progress,
     };
-    let failed = out_of_road
-        || (!is_short && completion < BACKWARDS)
-        || s.object_contact
-        || (options.contact_ends && s.vehicle_contact);
-    let mut terminated = if options.goes_on {
-        options.contact_ends && (s.vehicle_contact || s.human_contact || s.object_contact)
-    } else {
-        arrived || (!is_short && completion > 1.0) || failed
-    };
+    let any_contact = s.vehicle_contact || s.human_contact || s.object_contact;
+    let contact_ends =
+        (options.contact_ends && s.vehicle_contact) || (options.any_contact_ends && any_contact);
+    let failed = out_of_road || (!is_short && completion < BACKWARDS) || s.object_contact || contact_ends;
+    let mut terminated =
+        if options.goes_on { contact_ends } else { arrived || (!is_short && completion > 1.0) || failed };
     let is_last = options.is_last(s.step, s.last_frame);
     terminated |= is_last && options.limit_terminates;
     Outcome {
@@ -115,7 +112,8 @@ pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
         truncated: is_last && !terminated,
         arrived,
         out_of_road,
-        vehicle_contact: s.vehicle_contact && (options.contact_ends || !options.contact_hidden),
+        vehicle_contact: s.vehicle_contact
+            && (options.contact_ends || options.any_contact_ends || !options.contact_hidden),
         human_contact: s.human_contact,
         object_contact: s.object_contact,
         completion,

@@ -21,7 +21,8 @@ pub struct Td3PolicyOptions {
 
 impl Entry<dyn EgoPolicy> for Td3 {
     const NAME: &'static str = "td3";
-    const SUMMARY: &'static str = "a driver learnt by TD3: the shipped one, or td3:FILE of `sage train-ego`";
+    const SUMMARY: &'static str =
+        "a driver learnt by TD3 or PPO: the shipped one, or td3:FILE of `sage train-ego`";
     const SOURCE: &'static str = "Fujimoto et al. 2018; CAT and SAGE train it";
     type Options = Td3PolicyOptions;
 

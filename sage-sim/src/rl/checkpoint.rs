@@ -160,7 +160,7 @@ impl TrainingState {
             true => format!("{problem}; give --force to start again"),
             false => fail(problem),
         };
-        state.learner.restore(&numbers, record.learner, folder).map_err(again)?;
+        state.learner.restore(&numbers, record.learner, state.counters.steps, folder).map_err(again)?;
         Ok(Some(state))
     }
 }
@@ -239,7 +239,8 @@ fn stored_drives(
                 *value = number(bytes)?;
             }
             let [x, y, heading, vx, vy, yaw_rate] = values;
-            motions.push(Motion { position: [x, y], heading, velocity: [vx, vy], yaw_rate });
+            let motion = Motion { position: [x, y], heading, velocity: [vx, vy], yaw_rate };
+            motions.push(motion.is_finite().then_some(motion)?);
         }
         if motions.len() != *count {
             return None;

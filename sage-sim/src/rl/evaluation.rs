@@ -63,7 +63,12 @@ pub struct EpisodeRow {
 /// Rules of the evaluation with some rules of training: a contact with a vehicle ends the episode, and a limit of steps
 /// is told from other ends.
 pub fn evaluation_rules(training: &EnvironmentOptions) -> Arc<EnvironmentOptions> {
-    Arc::new(EnvironmentOptions { contact_ends: true, limit_terminates: false, ..training.clone() })
+    Arc::new(EnvironmentOptions {
+        contact_ends: true,
+        any_contact_ends: false,
+        limit_terminates: false,
+        ..training.clone()
+    })
 }
 
 /// Drives one episode. Returns what happened and the drive.
@@ -77,7 +82,9 @@ pub fn drive_episode(
     seed: u64,
 ) -> Result<(EpisodeRow, Drive), Error> {
     let adversary = scene.scene().adversary;
-    let own = rules.observation == policy.observes() || rules.observation == ObservationKind::MetaDrive;
+    let own = rules.observation == policy.observes()
+        || (rules.observation == ObservationKind::MetaDrive
+            && policy.observes() == ObservationKind::Corrected);
     let rules = match own {
         true => rules.clone(),
         false => Arc::new(EnvironmentOptions { observation: policy.observes(), ..(**rules).clone() }),
@@ -107,8 +114,10 @@ pub fn drive_episode(
         drive.motions.push(*environment.world().motion());
         row.count(&outcome, environment.world().step_count());
         if environment.options().goes_on {
-            row.completion = row.completion.min(1.0);
-            row.completion_recorded = row.completion_recorded.min(1.0);
+            // What is not a number stays so.
+            for completion in [&mut row.completion, &mut row.completion_recorded] {
+                *completion = if *completion > 1.0 { 1.0 } else { *completion };
+            }
         }
     }
     row.off_road = row.off_road.filter(|_| off_road.is_measured());

@@ -75,13 +75,14 @@ pub trait Learner: Send {
     /// Everything else that changes, as JSON. Called after [`Learner::save_rows`].
     fn record(&self) -> Value;
 
-    /// Takes over the tensors and the record of a checkpoint in a folder.
+    /// Takes over the tensors and the record of a checkpoint in a folder, after so many steps of the whole training.
     ///
     /// *Errors*: what is missing or does not fit.
     fn restore(
         &mut self,
         tensors: &BTreeMap<String, Vec<f32>>,
         record: Value,
+        steps: u64,
         folder: &Path,
     ) -> Result<(), String>;
 

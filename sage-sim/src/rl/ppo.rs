@@ -278,13 +278,18 @@ impl Learner for Ppo {
         &mut self,
         tensors: &BTreeMap<String, Vec<f32>>,
         record: Value,
+        steps: u64,
         _: &Path,
     ) -> Result<(), String> {
         let record: Record = serde_json::from_value(record).map_err(|error| error.to_string())?;
         let options = self.networks.options();
-        let most = self.batches.saturating_mul((options.epochs * options.batch() / options.minibatch) as u64);
-        if record.updates > most {
-            return Err(format!("its field `updates` is {}; expected at most {most}", record.updates));
+        let (batch, minibatches) = (options.batch() as u64, options.batch() / options.minibatch);
+        let expected = (steps / batch).saturating_mul((options.epochs * minibatches) as u64);
+        if !steps.is_multiple_of(batch) || record.updates != expected {
+            return Err(format!(
+                "its field `updates` is {} after {steps} steps; expected {expected} after whole batches of {batch}",
+                record.updates
+            ));
         }
         let numbers = record.discounted.iter().chain(&record.losses);
         let is_sound = record.observations.is_sound(LENGTH)

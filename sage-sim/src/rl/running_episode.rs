@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sage_core::generator::OperatingPoint;
 use serde::{Deserialize, Serialize};
 
-use super::Setting;
+use super::{SHORTEST_DRIVE, Setting};
 use crate::{
     Error,
     drive::Drive,
@@ -54,6 +54,11 @@ impl EpisodeRecord {
             && self.actions.len() < max_steps
             && self.actions.iter().flatten().all(|x| x.is_finite())
             && drive.into_iter().all(is_finite)
+            && self
+                .attack
+                .iter()
+                .filter_map(|attack| attack.drive.as_ref())
+                .all(|all| all.len() > SHORTEST_DRIVE)
             && self.attack.iter().all(|attack| (0.0..=1.0).contains(&attack.lambda))
     }
 }
@@ -134,6 +139,11 @@ impl RunningEpisode {
         let is_cut = self.record.limit.is_some_and(|limit| world.step_count() >= limit);
         outcome.truncated |= is_cut && !outcome.terminated;
         Ok(outcome)
+    }
+
+    /// Whether its limit cut it off, not the rules.
+    pub(super) fn is_cut_off(&self) -> bool {
+        !self.environment.is_over() && self.is_over()
     }
 
     /// Whether it is over, by the rules or by its limit.

@@ -198,6 +198,7 @@ impl Learner for Td3 {
         &mut self,
         tensors: &BTreeMap<String, Vec<f32>>,
         record: Value,
+        _: u64,
         folder: &Path,
     ) -> Result<(), String> {
         let record: Record = serde_json::from_value(record).map_err(|error| error.to_string())?;

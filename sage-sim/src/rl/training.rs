@@ -144,7 +144,7 @@ impl<'a> Training<'a> {
             };
             let is_over = self.step(k, &mut slot)?;
             if is_over {
-                self.store(slot.record.scene, slot.motions);
+                self.store_unless_cut_off(slot);
             } else {
                 self.slots[k] = Some(slot);
             }
@@ -229,7 +229,9 @@ impl<'a> Training<'a> {
             attack = Some(Attack { lambda, seed: coin.bits(), drive });
         }
         let slots = self.slots.len();
-        let is_first = self.state.learner.staggers() && number < slots as u64;
+        // Of the first turn of this place.
+        let first_step = k as u64 * self.state.learner.turn();
+        let is_first = self.state.learner.staggers() && self.state.counters.steps == first_step;
         let limit = is_first.then(|| (k * self.options.max_steps).div_ceil(slots)).filter(|limit| *limit > 0);
         let mirror = self.options.mirrored;
         let draws_mirror = || Rng::new(self.options.seed, &number.to_string(), "mirror").unit() < mirror;
@@ -247,7 +249,10 @@ impl<'a> Training<'a> {
         counters.attacked += 1;
         let is_it = |stored: &&StoredDrive| Some(&stored.motions) == attack.drive.as_ref();
         match self.state.drives[scene].iter().find(is_it) {
-            Some(stored) => counters.drive_age += counters.steps - stored.step,
+            Some(stored) => {
+                let age = counters.steps.saturating_sub(stored.step);
+                counters.drive_age = counters.drive_age.saturating_add(age);
+            }
             None => counters.without_drive += 1,
         }
     }
@@ -264,6 +269,13 @@ impl<'a> Training<'a> {
         let (_, drive) = drive_episode(&policy, &self.setting.scenes[scene], None, &self.rules, world)?;
         self.store(scene, drive.motions);
         Ok(())
+    }
+
+    /// Stores the drive of an episode that came to its end.
+    fn store_unless_cut_off(&mut self, episode: RunningEpisode) {
+        if !episode.is_cut_off() {
+            self.store(episode.record.scene, episode.motions);
+        }
     }
 
     /// Stores a drive that is long enough to be attacked.
@@ -294,8 +306,8 @@ impl<'a> Training<'a> {
             return Err(self.not_a_number(slot, "reward"));
         }
         let is_over = slot.is_over();
-        // Success may need a search, and the learner does not change it.
-        if is_over {
+        // What was cut off only so that episodes do not end together shows neither success nor failure.
+        if is_over && !slot.is_cut_off() {
             self.count_success(slot, outcome.completion);
         }
         let step = DrivenStep {
@@ -329,7 +341,11 @@ impl<'a> Training<'a> {
     fn evaluate_if_due(&mut self) {
         let (steps, total) = (self.state.counters.steps, self.options.steps());
         let done = self.state.evaluations.len() as u64;
-        if done >= self.options.evaluations || steps < total * (done + 1) / self.options.evaluations {
+        let is_due = self.state.learner.may_be_saved();
+        if !is_due
+            || done >= self.options.evaluations
+            || steps < total * (done + 1) / self.options.evaluations
+        {
             return;
         }
         let [loss, value] = self.state.learner.take_losses();

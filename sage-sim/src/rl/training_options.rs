@@ -125,7 +125,7 @@ impl TrainingOptions {
     /// *Errors*: the name and value of an option that is out of range, and what is expected.
     pub fn check(&self) -> Result<(), String> {
         self.td3.check()?;
-        self.ppo.check()?;
+        self.ppo.check().map_err(|problem| format!("`ppo`: {problem}"))?;
         if !(0.0..=1.0).contains(&self.mirrored) {
             return Err(format!("`mirrored` is {}; expected a number from 0 to 1", self.mirrored));
         }
@@ -149,6 +149,14 @@ impl TrainingOptions {
         {
             return Err(format!("`{name}` is {value}; expected a number from {least} to {most}"));
         }
+        let batches = self.steps() / self.ppo.batch() as u64;
+        if self.algorithm == Algorithm::Ppo && self.evaluations > batches {
+            return Err(format!(
+                "`evaluations` is {}; expected at most {batches}, the batches of {} steps",
+                self.evaluations,
+                self.ppo.batch()
+            ));
+        }
         let steps = self.steps().saturating_sub(self.td3.random_steps);
         if self.algorithm == Algorithm::Td3 && steps < self.td3.random_steps {
             return Err(format!(
@@ -170,7 +178,7 @@ impl TrainingOptions {
             max_steps: self.max_steps,
             outlast_log: self.max_steps > 91,
             limit_terminates: self.limit_is_terminal,
-            contact_ends: self.reward.contact_ends(),
+            any_contact_ends: self.reward.contact_ends(),
             reward: self.reward.clone(),
             goes_on: self.goes_on,
             observation: self.observation(),

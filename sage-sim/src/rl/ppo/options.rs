@@ -88,6 +88,11 @@ impl PpoOptions {
                 self.minibatch
             ));
         }
+        if self.minibatch == 1 {
+            return Err(
+                "`minibatch` is 1; expected at least 2, since advantages are compared within it".to_owned()
+            );
+        }
         let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda)];
         if let Some((name, value)) = shares.into_iter().find(|(_, x)| !(0.0..=1.0).contains(x)) {
             return Err(format!("`{name}` is {value}; expected a number from 0 to 1"));

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::part::{Part, split};
 
-/// Train a driving policy by TD3 or PPO, alone or against an adversary (SAGE, algorithm 2).
+/// Train a driving policy, alone or against an adversary (SAGE, algorithm 2).
 ///
 /// Every episode is a scene in which the adversary attacks with the probability and intensity of the curriculum; the
 /// generator plans against the newest drive of the policy in that scene. At fixed steps the policy is evaluated on the scenes of --eval, unchanged and under attack at λ = 1.

@@ -78,6 +78,11 @@ fn a_killed_closed_loop_goes_on_to_the_same_files() {
 }
 
 #[test]
+fn killed_trainings_of_drivers_go_on_to_the_same_files() {
+    killed("train-ego-ppo");
+}
+
+#[test]
 fn killed_trainings_of_adversaries_go_on_to_the_same_files() {
     killed("train-seal");
     killed("train-goose");

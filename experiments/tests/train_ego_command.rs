@@ -97,7 +97,7 @@ fn wrong_uses_are_refused_with_the_remedy() {
         stderr(&output).to_owned()
     };
     let scene = example();
-    let wrong: [&[&str]; 8] = [
+    let wrong: [&[&str]; 10] = [
         &["cta"],
         &["sage", "--curriculum", "papre"],
         &["sage", "--sampler", "some"],
@@ -105,6 +105,8 @@ fn wrong_uses_are_refused_with_the_remedy() {
         &["none", "--ratio", "4"],
         &["none", "--steps", "4000"],
         &["none", "--reward", "0.1*smoth"],
+        &["none", "--search", "4"],
+        &["goose", "--search", "4"],
         &["none", &scene, "--eval", &scene],
     ];
     assert_snapshot!("wrong_options_of_train_ego", messages(wrong.map(|more| (more.join(" "), error(more)))));
@@ -194,4 +196,25 @@ fn a_policy_by_ppo_with_all_options_drives_everywhere() {
         text(&table),
     ];
     assert!(stdout(&sage(&bench)).contains("quick"));
+}
+
+#[test]
+fn attacks_that_were_searched_depend_on_no_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let [whole, threads, one_shot] = ["whole", "threads", "one-shot"].map(path);
+    let config = r#"{"ppo": {"hidden": [16, 16], "environments": 8, "horizon": 10, "minibatch": 40}}"#;
+    let train = |more: &[&str]| {
+        let options =
+            ["train-ego", "--procedural", "9", "--learner", "ppo", "--steps", "1600", "--config", config];
+        let attacks =
+            ["--curriculum", "constant", "--method", "sage", "--eval-method", "none", "--evaluations", "2"];
+        stdout(&sage(&[&options[..], &attacks, more].concat())).to_owned()
+    };
+    train(&["--search", "3", "--checkpoint-every", "400", "--out", text(&whole)]);
+    train(&["--search", "3", "--checkpoint-every", "80", "--threads", "1", "--out", text(&threads)]);
+    train(&["--checkpoint-every", "400", "--out", text(&one_shot)]);
+    let read = |path: &std::path::Path| fs::read(path.join("seed-0/episodes.csv")).unwrap();
+    assert!(read(&whole) == read(&threads), "the same search gives other attacks");
+    assert!(read(&whole) != read(&one_shot), "the search changes nothing");
 }

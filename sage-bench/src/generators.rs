@@ -7,6 +7,7 @@ use sage_core::{
     Error,
     generator::{ApartNow, Attack, Generator as _, OperatingPoint},
     objective::Context,
+    scene::Scene,
 };
 use sage_generators::{Facts, GeneratorInputs};
 use sage_merging::{ExpertSet, Merger, Range};
@@ -205,6 +206,34 @@ impl BuiltGenerator {
         checked.map(drop).with_context(|| format!("generator `{}`", self.label))
     }
 
+    /// The attack at an operating point between two experts, with all candidates.
+    ///
+    /// *Errors*: the scene cannot be attacked; the merger refuses the λ.
+    pub fn attack_between(
+        &self,
+        ctx: &Context,
+        at: &OperatingPoint,
+        seed: u64,
+    ) -> Result<Attack, sage_sim::Error> {
+        let point = self.point_in(ctx.scene(), at)?;
+        let attack = self.generator.0.attacks(ctx, std::slice::from_ref(&point), seed)?.into_iter().next();
+        let attack = attack.ok_or_else(|| self.wrong_in(ctx.scene(), "the generator gave no attack"))?;
+        attack.check(ctx.scene())?;
+        Ok(attack)
+    }
+
+    fn wrong_in(&self, scene: &Scene, problem: &str) -> sage_sim::Error {
+        sage_sim::Error::Plan {
+            scene: scene.id.clone(),
+            problem: format!("attack of `{}`: {problem}", self.label),
+        }
+    }
+
+    /// [`BuiltGenerator::among_experts`] for a scene that errors name.
+    fn point_in(&self, scene: &Scene, at: &OperatingPoint) -> Result<OperatingPoint, sage_sim::Error> {
+        self.among_experts(at).map_err(|error| self.wrong_in(scene, &format!("{error:#}")))
+    }
+
     /// An operating point between two experts, among all experts of the set.
     ///
     /// *Errors*: the merger refuses the λ.
@@ -224,10 +253,7 @@ impl Attacker for BuiltGenerator {
         at: &OperatingPoint,
         seed: u64,
     ) -> Result<Arc<Plan>, sage_sim::Error> {
-        let point = self.among_experts(at).map_err(|error| sage_sim::Error::Plan {
-            scene: scene.scene().id.clone(),
-            problem: format!("attack of `{}`: {error:#}", self.label),
-        })?;
+        let point = self.point_in(scene.scene(), at)?;
         // A contact at now counts here, as in the published evaluation.
         plan_of_generator(&*self.generator.0, &point, scene, drive, seed)
     }

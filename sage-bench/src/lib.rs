@@ -10,6 +10,7 @@
 
 pub mod chart;
 pub mod curve;
+pub mod driver_search;
 pub mod ego;
 mod error;
 pub mod estimate;

@@ -15,10 +15,12 @@
 //! | 59–70 | the three nearest vehicles: position of 50 m, relative velocity of 80 km/h, forward and left |
 //! | 71–100 | distances to road users, 30 beams, counter-clockwise from ahead, of 50 m |
 
+mod described;
+
 use std::{f64::consts::TAU, sync::LazyLock};
 
 use sage_core::{
-    geometry::{OrientedBox, Point, cross, dot, sub, wrap_angle},
+    geometry::{Point, cross, dot, sub, wrap_angle},
     motion::DT,
 };
 use serde::{Deserialize, Serialize};
@@ -27,17 +29,20 @@ use crate::{
     body::{Body, BodyKind},
     lines::LineKind,
     navigation::Navigation,
+    observation::described::described,
     rays,
     route::{Coordinates, Localization, Route},
     route_lights::state,
     scene::SimScene,
     traffic::speed_limit,
-    vehicle::{Action, Motion, SUBSTEP},
+    vehicle::{Action, Motion},
     world::World,
 };
 
 /// Length of an observation.
 pub const LENGTH: usize = 101;
+/// Where an observation other than MetaDrive's has the last steering and throttle, −1 to 1 scaled to 0 to 1.
+pub const LAST_ACTION: [usize; 2] = [33, 34];
 /// Reach of all detectors, metres.
 const REACH: f64 = 50.0;
 /// Distances of the points of the route that lie ahead, metres.
@@ -62,8 +67,9 @@ pub enum ObservationKind {
     #[default]
     Corrected,
     /// As `Corrected`, but with what scripted policies see: the route goes on along the lanes beyond the end of the
-    /// recording, by 200 m at most; the beams to solid lines meet road edges too; and the constants make room for the
-    /// route 30 and 50 m ahead, the speed limit, and the distance to the next red light on the route.
+    /// recording, by 200 m at most; the beams to solid lines meet road edges too; the constants make room for the
+    /// route 30 and 50 m ahead, the speed limit, and the distance to the next red light on the route; and the three
+    /// vehicles are the road user ahead on the route and the two others that come closest within 4 s.
     Continued,
     /// As in MetaDrive 0.3: steering divided by 60, the action before the last one, the absolute yaw rate,
     /// zeros for an absent neighbour.
@@ -180,8 +186,14 @@ pub fn names(kind: ObservationKind) -> Vec<String> {
         }
     }
     names.push(format!("across {route}"));
-    for k in 1..=NEAREST {
-        names.extend(vehicle.map(|what| format!("vehicle {k}: {what}")));
+    if kind == ObservationKind::Continued {
+        let ahead = ["gap", "left", "relative speed forward", "relative speed left"];
+        names.extend(ahead.map(|what| format!("road user ahead on the route: {what}")));
+        names.extend(
+            (1..NEAREST).flat_map(|k| vehicle.map(|what| format!("road user {k} to come close: {what}"))),
+        );
+    } else {
+        names.extend((1..=NEAREST).flat_map(|k| vehicle.map(|what| format!("vehicle {k}: {what}"))));
     }
     names.extend((0..BEAMS).map(|k| format!("road user at {}°", 12 * k)));
     names
@@ -263,7 +275,7 @@ pub fn observe(seat: &Seat, driving: &Driving, kind: ObservationKind, out: &mut 
     if kind == ObservationKind::Continued {
         ahead(seat, driving, axis, &mut write);
     }
-    nearest(seat, axis, kind, &mut write);
+    described(seat, driving, axis, kind, &mut write);
     lidar(seat, axis, kind, &mut write);
 }
 
@@ -362,56 +374,6 @@ fn ahead(seat: &Seat, driving: &Driving, axis: Point, write: &mut impl FnMut(usi
     let is_red = |light| state(scene.scene(), light, world.step_count()).is_red();
     let mut stops = lights.stops().iter().filter(|stop| stop.along > along && is_red(stop.light));
     write(57, stops.next().map_or(1.0, |stop| (stop.along - along) / REACH));
-}
-
-/// The nearest vehicles, by the distance of their centres.
-fn nearest(seat: &Seat, axis: Point, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
-    let motion = seat.motion;
-    let mut found: [Option<(f64, &Body)>; NEAREST] = [None; NEAREST];
-    for body in seat.others {
-        if body.kind != BodyKind::Vehicle || !seat.is_level(body.ground) {
-            continue;
-        }
-        // MetaDrive detects neighbours in the last substep, before traffic is set to the frame.
-        let area = match kind {
-            ObservationKind::MetaDrive => body.coasted(-SUBSTEP),
-            _ => body.area,
-        };
-        let is_seen = distance_to(&area, motion.position) <= REACH;
-        if !is_seen {
-            continue;
-        }
-        let d = sub(body.area.center, motion.position);
-        let mut carried = Some((dot(d, d), body));
-        for slot in &mut found {
-            let Some((distance, _)) = carried else { break };
-            if slot.is_none_or(|(other, _)| distance < other) {
-                std::mem::swap(slot, &mut carried);
-            }
-        }
-    }
-    let local = |v: Point| [dot(v, axis), cross(axis, v)];
-    for (k, slot) in found.iter().enumerate() {
-        let numbers = match slot {
-            Some((_, body)) => {
-                let place = local(sub(body.area.center, motion.position)).map(|x| x / REACH);
-                let speed = local(sub(body.velocity, motion.velocity)).map(|v| v * KMH / FULL_SPEED);
-                [place[0], place[1], speed[0], speed[1]].map(|x| 0.5 * (x + 1.0))
-            }
-            None if kind == ObservationKind::MetaDrive => [0.0; 4],
-            None => [1.0, 0.5, 0.5, 0.5],
-        };
-        for (offset, value) in numbers.into_iter().enumerate() {
-            write(59 + 4 * k + offset, value);
-        }
-    }
-}
-
-/// Distance of a point to a box, metres; 0 inside.
-fn distance_to(area: &OrientedBox, p: Point) -> f64 {
-    let [x, y] = area.box_from_world(p);
-    let out = [x.abs() - area.half_length, y.abs() - area.half_width].map(|d| d.max(0.0));
-    dot(out, out).sqrt()
 }
 
 /// Beams to road users; the first points ahead.

@@ -48,6 +48,10 @@ pub(crate) struct TrainEgoArgs {
     /// Generator of the attacks, by its name in `sage list`, or none.
     #[arg(long, help_heading = ATTACK, alias = "generator", value_name = "NAME", default_value = "none")]
     pub method: Part,
+    /// Let the newest policy drive against up to N of the plans of --method, and attack by the first that it is at fault at,
+    /// or by the strongest.
+    #[arg(long, help_heading = ATTACK, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub search: Option<u64>,
     /// Generator of the attacks in the evaluation, or none.
     #[arg(long, help_heading = ATTACK, alias = "eval-generator", value_name = "NAME", default_value = "sage")]
     pub eval_method: Part,

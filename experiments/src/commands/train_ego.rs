@@ -15,14 +15,14 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, anyhow, bail};
-use sage_bench::study::in_one_line;
+use sage_bench::{driver_search::DriverSearch, search::rule, study::in_one_line};
 use sage_core::{
     files,
     scene::{SceneData, SceneIndex},
 };
 use sage_sim::{
     SimScene,
-    rl::{Algorithm, BUFFER, CHECKPOINT, TrainingOptions},
+    rl::{Algorithm, Attacker, BUFFER, CHECKPOINT, TrainingOptions},
 };
 use serde_json::{Map, Value, json};
 
@@ -70,7 +70,7 @@ struct Shared<'a> {
     training: Vec<Arc<SimScene>>,
     evaluation: Vec<Arc<SimScene>>,
     names: Vec<String>,
-    attacker: Option<BuiltGenerator>,
+    attacker: Option<Box<dyn Attacker>>,
     examiner: Option<BuiltGenerator>,
     options: TrainingOptions,
     /// Where the procedural scenes begin beside others, and their share.
@@ -113,6 +113,12 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         used["files"][file] = hash.clone();
     }
     let needs_adversary = attacker.is_some() || examiner.is_some();
+    let attacker = match (attacker, args.search) {
+        (Some(built), Some(drives)) => Some(searching(built, drives as usize, registries)?),
+        (Some(built), None) => Some(Box::new(built) as Box<dyn Attacker>),
+        (None, Some(_)) => bail!("--search needs plans: name a generator by --method"),
+        (None, None) => None,
+    };
     let (mut training, mut failed) = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
     if args.egos == EgosName::All {
         training = with_other_egos(training, attacker.is_some());
@@ -136,7 +142,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let usual = CHECKPOINT_EVERY.iter().find(|(algorithm, _)| *algorithm == options.algorithm);
     let checkpoint_every = args.checkpoint_every.or(usual.map(|(_, every)| *every)).unwrap_or(5000);
     let identity = json!({
-        "command": "train-ego", "options": options, "generator": args.method.to_string(),
+        "command": "train-ego", "options": options, "generator": args.method.to_string(), "search": args.search,
         "evaluation_generator": args.eval_method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
         "weights": used,
@@ -189,6 +195,14 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     output::print(&report::markdown(&shared.columns, shared.evaluation.len(), &trained))?;
     progress::say(&format!("policies, curves and run.json are in `{}`", args.folder.out.display()));
     Ok(scenes::outcome_without(failed + failed_evaluation))
+}
+
+/// A generator whose plans are searched with the policy in training.
+fn searching(generator: BuiltGenerator, drives: usize, registries: &Registries) -> Result<Box<dyn Attacker>> {
+    if generator.facts.knows.driver || generator.facts.is_upper_bound {
+        bail!("--search is for generators that propose several plans and do not ask the driver themselves");
+    }
+    Ok(Box::new(DriverSearch::new(generator, rule(registries, None)?, drives)))
 }
 
 /// Options of the runs; the seed is set later.

@@ -17,7 +17,7 @@ use sage_core::seed::Rng;
 use serde_json::Value;
 
 /// Commands that leave files behind.
-pub const COMMANDS: [&str; 15] = [
+pub const COMMANDS: [&str; 16] = [
     "pretrain",
     "finetune",
     "generate",
@@ -31,6 +31,7 @@ pub const COMMANDS: [&str; 15] = [
     "closed-loop",
     "calibrate",
     "train-ego",
+    "train-ego-ppo",
     "train-seal",
     "train-goose",
 ];
@@ -108,6 +109,15 @@ impl Case {
                 let run =
                     ["--config", small, "--evaluations", "3", "--checkpoint-every", "100", "--seeds", "0..2"];
                 let attacks = ["train-ego", "--method", "sage", "--weights", "procedural"];
+                (&[&attacks[..], &size, &run].concat(), false)
+            }
+            "train-ego-ppo" => {
+                let small =
+                    r#"{"ppo": {"hidden": [16, 16], "environments": 8, "horizon": 10, "minibatch": 40}}"#;
+                let size = ["--procedural", "6", "--learner", "ppo", "--steps", "12000", "--mirrored", "0.5"];
+                let run =
+                    ["--config", small, "--evaluations", "3", "--checkpoint-every", "800", "--seeds", "0..2"];
+                let attacks = ["train-ego", "--method", "sage", "--search", "2", "--weights", "procedural"];
                 (&[&attacks[..], &size, &run].concat(), false)
             }
             "train-seal" => {

@@ -139,7 +139,7 @@ fn of_run(name: &str, folder: &Path) -> Result<Vec<Candidate>> {
                 arm: name.to_owned(),
                 training_seed: Some(seed),
                 checkpoint: Some(step),
-                policy: Box::new(ActorPolicy::new(network).observing(card.observes())),
+                policy: Box::new(card.policy(network)),
                 identity: json!([name, seed, step, blake3::hash(&bytes).to_hex()[..16]]),
             });
         }

@@ -6,7 +6,7 @@ use sage_core::registry::Entry;
 use serde::{Deserialize, Serialize};
 
 use super::EgoPolicy;
-use crate::rl::{ActorPolicy, parse_policy, read_policy};
+use crate::rl::{parse_policy, read_policy};
 
 /// The policy `td3`.
 pub struct Td3;
@@ -32,6 +32,6 @@ impl Entry<dyn EgoPolicy> for Td3 {
         } else {
             read_policy(&options.file)?
         };
-        Ok(Box::new(ActorPolicy::new(network).observing(card.observes())))
+        Ok(Box::new(card.policy(network)))
     }
 }

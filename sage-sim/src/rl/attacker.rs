@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use sage_core::{
     generator::{Generator, OperatingPoint},
+    motion::Trajectory,
     objective::{Context, ContextOptions},
 };
 
-use crate::{Error, attack_test::recorded, drive::Drive, scene::SimScene, traffic::Plan};
+use crate::{Error, attack_test::recorded, drive::Drive, policy::EgoPolicy, scene::SimScene, traffic::Plan};
 
 /// Plans attacks in training and evaluation.
 pub trait Attacker: Send + Sync {
@@ -26,6 +27,20 @@ pub trait Attacker: Send + Sync {
     /// Whether it has several plans for the same scene, drive and point, of which the seed draws one.
     fn draws(&self) -> bool {
         false
+    }
+
+    /// The plan that it finds by driving the policy against several plans; `None` for an attacker that looks at a drive alone.
+    ///
+    /// *Errors*: the scene cannot be attacked or driven.
+    fn searched(
+        &self,
+        policy: &dyn EgoPolicy,
+        scene: &Arc<SimScene>,
+        at: &OperatingPoint,
+        seed: u64,
+    ) -> Option<Result<Trajectory, Error>> {
+        let _ = (policy, scene, at, seed);
+        None
     }
 }
 

@@ -5,28 +5,35 @@ use std::sync::Arc;
 use super::{Network, SingleRow};
 use crate::{
     Error,
-    observation::ObservationKind,
+    observation::{LAST_ACTION, LENGTH, ObservationKind},
     policy::{Driver, EgoPolicy, Start, View},
     vehicle::Action,
     world::Control,
 };
 
-/// Drives by the actor: steering and throttle are the hyperbolic tangents of its two outputs.
+/// Drives by the actor: steering and throttle are the hyperbolic tangents of its two outputs, or lie between them and the
+/// last ones.
 #[derive(Clone, Debug)]
 pub struct ActorPolicy {
     network: Arc<Network<f32>>,
     observes: ObservationKind,
+    kept: f32,
 }
 
 impl ActorPolicy {
     /// The policy of an actor with 101 inputs and 2 outputs.
     pub fn new(network: Network<f32>) -> Self {
-        Self { network: Arc::new(network), observes: ObservationKind::Corrected }
+        Self { network: Arc::new(network), observes: ObservationKind::Corrected, kept: 0.0 }
     }
 
     /// The same for another kind of observation.
     pub fn observing(self, observes: ObservationKind) -> Self {
         Self { observes, ..self }
+    }
+
+    /// The same with actions that keep a share of the last one ([`super::PpoOptions::kept`]).
+    pub fn keeping(self, kept: f64) -> Self {
+        Self { kept: kept as f32, ..self }
     }
 
     /// The actor.
@@ -41,14 +48,29 @@ impl EgoPolicy for ActorPolicy {
     }
 
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
-        Ok(Box::new(ActorDriver { network: self.network.clone(), memory: SingleRow::default() }))
+        Ok(Box::new(ActorDriver {
+            network: self.network.clone(),
+            kept: self.kept,
+            memory: SingleRow::default(),
+        }))
     }
 }
 
 #[derive(Clone)]
 struct ActorDriver {
     network: Arc<Network<f32>>,
+    kept: f32,
     memory: SingleRow<f32>,
+}
+
+/// The action of an actor's outputs before the hyperbolic tangent, with a share of the last action, which the observation shows.
+pub(super) fn action_of(outputs: [f32; 2], observation: &[f32; LENGTH], kept: f32) -> [f32; 2] {
+    let aims = outputs.map(f32::tanh);
+    if kept == 0.0 {
+        return aims;
+    }
+    let last = LAST_ACTION.map(|at| 2.0 * observation[at] - 1.0);
+    [0, 1].map(|k| kept * last[k] + (1.0 - kept) * aims[k])
 }
 
 impl Driver for ActorDriver {
@@ -60,7 +82,7 @@ impl Driver for ActorDriver {
         };
         let mut output = [0.0; 2];
         self.network.forward_one(observation, &mut self.memory, &mut output);
-        let [steer, throttle] = output.map(|x| f64::from(x.tanh()));
+        let [steer, throttle] = action_of(output, observation, self.kept).map(f64::from);
         if !(steer.is_finite() && throttle.is_finite()) {
             let column = observation.iter().position(|x| !x.is_finite());
             let what = match column {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::{
-    Network, Shape,
+    ActorPolicy, Network, Shape,
     tensor_file::{actor_tensors, hashed_tensors, write_tensors},
 };
 use crate::observation::{self, LENGTH, ObservationKind};
@@ -33,6 +33,9 @@ pub struct PolicyCard {
     pub observation: Vec<String>,
     /// Hash of these names.
     pub observation_hash: String,
+    /// Share of the last action that an action keeps.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub kept: f64,
     /// How it was trained: generator, curriculum, updates, steps, seed, scenes and their hash.
     pub training: Value,
     /// How it was evaluated, with the number of scenes.
@@ -51,16 +54,35 @@ impl PolicyCard {
         let observation = observation::names(kind);
         let observation_hash = hash(&observation);
         let format = FORMAT.to_owned();
-        Self { format, observation, observation_hash, training, evaluation, license, is_hashed: false }
+        Self {
+            format,
+            observation,
+            observation_hash,
+            kept: 0.0,
+            training,
+            evaluation,
+            license,
+            is_hashed: false,
+        }
     }
 }
 
 impl PolicyCard {
+    /// The policy of an actor that this card describes.
+    pub fn policy(&self, actor: Network<f32>) -> ActorPolicy {
+        ActorPolicy::new(actor).observing(self.observes()).keeping(self.kept)
+    }
+
     /// The kind of observation that the policy is made for.
     pub fn observes(&self) -> ObservationKind {
         let continued = ObservationKind::Continued;
         if self.observation == observation::names(continued) { continued } else { ObservationKind::Corrected }
     }
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // As serde asks.
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 /// Hash of the names of an observation's numbers.
@@ -101,6 +123,12 @@ pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), String> 
         return Err(format!("its format is `{}`; expected `{FORMAT}`", card.format));
     }
     check_observation(&card)?;
+    if !(0.0..1.0).contains(&card.kept) {
+        return Err(format!(
+            "its actions keep a share of {} of the last one; expected a number from 0 to below 1",
+            card.kept
+        ));
+    }
     let tensor = |name: &str| {
         file.tensor(&format!("actor.{name}")).map_err(|_| format!("tensor `actor.{name}` is missing"))
     };

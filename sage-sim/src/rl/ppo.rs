@@ -22,7 +22,7 @@ pub use normalisation::Running;
 pub use options::PpoOptions;
 
 use self::actor_critic::log_density;
-use super::{DrivenStep, Learner, NamedTensor, Network, SingleRow, network::Activations};
+use super::{DrivenStep, Learner, NamedTensor, Network, SingleRow, network::Activations, policy::action_of};
 use crate::observation::LENGTH;
 
 /// Sizes of observation and action.
@@ -212,7 +212,7 @@ impl Learner for Ppo {
         let precisions: Vec<f64> = deviations.iter().map(|x| x.recip()).collect();
         let log_density = log_density(&action, &mean, &logs, &precisions);
         self.drawn = Some(Drawn { observation: *observation, action, log_density });
-        action.map(f32::tanh)
+        action_of(action, observation, self.networks.options().kept as f32)
     }
 
     fn learn(&mut self, step: &DrivenStep) -> Result<(), String> {

@@ -2,15 +2,16 @@
 
 use std::sync::Arc;
 
-use sage_core::generator::OperatingPoint;
+use sage_core::{generator::OperatingPoint, motion::Trajectory};
 use serde::{Deserialize, Serialize};
 
-use super::{SHORTEST_DRIVE, Setting};
+use super::{Attacker, SHORTEST_DRIVE, Setting};
 use crate::{
     Error,
     drive::Drive,
     environment::{Environment, EnvironmentOptions, Outcome},
     observation::{LENGTH, mirrored},
+    scene::SimScene,
     traffic::Plan,
     vehicle::{Action, Motion},
 };
@@ -25,6 +26,24 @@ pub(super) struct Attack {
     pub(super) seed: u64,
     /// The drive that it is planned against; none for the recording.
     pub(super) drive: Option<Vec<Motion>>,
+    /// The plan, if a search with the policy of that moment found it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) found: Option<Trajectory>,
+}
+
+impl Attack {
+    /// Where it is on the dial.
+    pub(super) fn point(&self) -> OperatingPoint {
+        OperatingPoint::at(self.lambda, self.lambda)
+    }
+
+    fn plan(&self, scene: &SimScene, attacker: &dyn Attacker) -> Result<Arc<Plan>, Error> {
+        if let Some(found) = &self.found {
+            return Ok(Arc::new(Plan::of_adversary(scene.scene(), found)?));
+        }
+        let drive = self.drive.clone().map(|motions| Drive { motions, ..Drive::default() });
+        attacker.plan(scene, drive.as_ref(), &self.point(), self.seed)
+    }
 }
 
 /// How an episode begins, and what was done in it.
@@ -90,10 +109,7 @@ impl RunningEpisode {
         let scene = &setting.scenes[record.scene];
         let mut plan = None;
         if let (Some(attack), Some(attacker)) = (&record.attack, setting.attacker) {
-            let motions = attack.drive.clone();
-            let drive = motions.map(|motions| Drive { motions, ..Drive::default() });
-            let at = OperatingPoint::at(attack.lambda, attack.lambda);
-            plan = Some(attacker.plan(scene, drive.as_ref(), &at, attack.seed)?);
+            plan = Some(attack.plan(scene, attacker)?);
         }
         let environment = Environment::reset(scene.clone(), rules.clone(), plan.clone(), record.world)?;
         let motions = vec![*environment.world().motion()];

@@ -222,11 +222,17 @@ impl<'a> Training<'a> {
         let at = Progress { share, success: &self.state.success };
         let drawn = self.setting.curriculum.draw(&at, coin);
         let mut attack = None;
-        if let Some(lambda) = drawn.filter(|_| self.setting.attacker.is_some()) {
+        if let Some((lambda, attacker)) = drawn.zip(self.setting.attacker) {
             self.refresh(scene, world)?;
             let stored = &self.state.drives[scene];
             let drive = stored.get(coin.below(stored.len())).map(|stored| stored.motions.clone());
-            attack = Some(Attack { lambda, seed: coin.bits(), drive });
+            let mut drawn = Attack { lambda, seed: coin.bits(), drive, found: None };
+            if self.state.learner.has_learnt(self.state.counters.steps) {
+                let scene = &self.setting.scenes[scene];
+                let found = attacker.searched(&self.policy(), scene, &drawn.point(), drawn.seed);
+                drawn.found = found.transpose()?;
+            }
+            attack = Some(drawn);
         }
         let slots = self.slots.len();
         // Of the first turn of this place.
@@ -265,10 +271,15 @@ impl<'a> Training<'a> {
         if is_fresh || !self.state.learner.has_learnt(steps) {
             return Ok(());
         }
-        let policy = ActorPolicy::new(self.state.learner.actor()).observing(self.options.observation());
-        let (_, drive) = drive_episode(&policy, &self.setting.scenes[scene], None, &self.rules, world)?;
+        let (_, drive) =
+            drive_episode(&self.policy(), &self.setting.scenes[scene], None, &self.rules, world)?;
         self.store(scene, drive.motions);
         Ok(())
+    }
+
+    /// The policy as it is now.
+    fn policy(&self) -> ActorPolicy {
+        self.options.policy(self.state.learner.actor())
     }
 
     /// Stores the drive of an episode that came to its end.
@@ -351,7 +362,7 @@ impl<'a> Training<'a> {
         let [loss, value] = self.state.learner.take_losses();
         self.state.loss_curve.push([steps as f64, loss, value]);
         let actor = self.state.learner.actor();
-        let policy = ActorPolicy::new(actor.clone()).observing(self.options.observation());
+        let policy = self.options.policy(actor.clone());
         let rules = evaluation_rules(&self.rules);
         let (mut unchanged, mut attacked) = (Vec::new(), Vec::new());
         for number in 0..self.setting.evaluation.len() {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Learner, Ppo, PpoOptions, Td3, Td3Options};
+use super::{ActorPolicy, Learner, Network, Ppo, PpoOptions, Td3, Td3Options};
 use crate::{
     environment::{EnvironmentOptions, RewardSum},
     observation::ObservationKind,
@@ -170,6 +170,16 @@ impl TrainingOptions {
     /// The observation of the policy.
     pub fn observation(&self) -> ObservationKind {
         if self.goes_on { ObservationKind::Continued } else { ObservationKind::Corrected }
+    }
+
+    /// Share of the last action that an action of the policy keeps.
+    pub fn kept(&self) -> f64 {
+        if self.algorithm == Algorithm::Ppo { self.ppo.kept } else { 0.0 }
+    }
+
+    /// The policy of an actor.
+    pub fn policy(&self, actor: Network<f32>) -> ActorPolicy {
+        ActorPolicy::new(actor).observing(self.observation()).keeping(self.kept())
     }
 
     /// Rules of the training episodes.

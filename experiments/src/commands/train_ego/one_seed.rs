@@ -34,7 +34,7 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
     let setting = Setting {
         scenes: &shared.training,
         evaluation: &shared.evaluation,
-        attacker: shared.attacker.as_ref().map(|adversary| adversary as _),
+        attacker: shared.attacker.as_deref(),
         examiner: shared.examiner.as_ref().map(|adversary| adversary as _),
         curriculum: &*curriculum,
         sampler: &*sampler,
@@ -111,7 +111,7 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCa
     let args = shared.args;
     let options = TrainingOptions { seed: trained.seed, ..shared.options.clone() };
     let training = json!({
-        "algorithm": report::algorithm(&options), "generator": args.method.to_string(), "curriculum": args.curriculum.to_string(),
+        "algorithm": report::algorithm(&options), "generator": args.method.to_string(), "search": args.search, "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "weights": shared.weights,
         "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
         "scenes": shared.identity["scenes"], "egos": args.egos.name(),
@@ -123,5 +123,6 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCa
         "unchanged": report::means(&shared.columns, &evaluation.unchanged),
         "attacked": report::means(&shared.columns, &evaluation.attacked),
     });
-    PolicyCard::new(options.observation(), training, measured, shared.license.clone())
+    let card = PolicyCard::new(options.observation(), training, measured, shared.license.clone());
+    PolicyCard { kept: options.kept(), ..card }
 }

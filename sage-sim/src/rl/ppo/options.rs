@@ -34,6 +34,9 @@ pub struct PpoOptions {
     pub entropy: f64,
     /// Standard deviation of the actions before the hyperbolic tangent, at the start.
     pub deviation: f64,
+    /// Share of the last action that an action keeps, 0 to below 1: more is smoother, and explores along the same line
+    /// for longer.
+    pub kept: f64,
 }
 
 impl Default for PpoOptions {
@@ -53,6 +56,7 @@ impl Default for PpoOptions {
             gradient_norm: 0.5,
             entropy: 0.0,
             deviation: 0.5,
+            kept: 0.0,
         }
     }
 }
@@ -109,6 +113,9 @@ impl PpoOptions {
         ];
         if let Some((name, value)) = positive.into_iter().find(|(_, x)| !(*x > 0.0 && x.is_finite())) {
             return Err(format!("`{name}` is {value}; expected a number above 0"));
+        }
+        if !(0.0..1.0).contains(&self.kept) {
+            return Err(format!("`kept` is {}; expected a number from 0 to below 1", self.kept));
         }
         if !(self.entropy >= 0.0 && self.entropy.is_finite()) {
             return Err(format!("`entropy` is {}; expected a number, at least 0", self.entropy));

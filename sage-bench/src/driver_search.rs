@@ -1,0 +1,85 @@
+//! An attacker that lets the driver in training drive against several plans of a generator, and attacks by one that it fails at.
+
+use std::sync::Arc;
+
+use sage_core::{generator::OperatingPoint, motion::Trajectory};
+use sage_sim::{
+    Error, SimScene,
+    attack_test::AttackTest,
+    drive::Drive,
+    policy::EgoPolicy,
+    rl::Attacker,
+    search::{Clause, Pool, Requirement, SearchOptions, search},
+    traffic::Plan,
+};
+
+use crate::{generators::BuiltGenerator, selection::Selection};
+
+/// Plans of a pool; far more than a search in training drives against.
+const PLANS: usize = 256;
+
+/// A generator whose plans are searched with the driver in the loop.
+pub struct DriverSearch {
+    generator: BuiltGenerator,
+    rule: Selection,
+    options: SearchOptions,
+}
+
+impl DriverSearch {
+    /// A search of at most `drives` attacked drives a scene, up to the first plan at which the driver is at fault. `rule` says
+    /// which plans are feasible.
+    pub fn new(generator: BuiltGenerator, rule: Selection, drives: usize) -> Self {
+        // Whether a good driver could avoid the attack takes longer to answer than all drives.
+        let require = Requirement::of(&[Clause::Believable, Clause::AtFault]);
+        let options = SearchOptions { budget: drives, first: true, require, ..SearchOptions::default() };
+        Self { generator, rule, options }
+    }
+
+    /// The plan that the search found; else the strongest; of a scene without a feasible plan the one that the generator selects.
+    fn found(
+        &self,
+        policy: &dyn EgoPolicy,
+        scene: &Arc<SimScene>,
+        at: &OperatingPoint,
+        seed: u64,
+    ) -> Result<Trajectory, Error> {
+        scene.scene().attackable_horizon()?;
+        let test = AttackTest::new(policy, scene, seed)?;
+        let ctx = test.context()?;
+        let attack = self.generator.attack_between(&ctx, at, seed)?;
+        if attack.reaction.is_some() {
+            let problem = "a search drives against plans; this adversary reacts".to_owned();
+            return Err(Error::Plan { scene: scene.scene().id.clone(), problem });
+        }
+        let rule = self.rule.objective.rule();
+        let chosen = attack.candidates[attack.chosen].trajectory.clone();
+        let mut pool = Pool::new(&ctx, rule, vec![attack.candidates], PLANS);
+        let result = search(&test, &ctx, rule, &mut pool, &self.options, seed, None)?;
+        let worst = result.worst().map(|failure| &result.driven[failure.drive]);
+        let best = worst.or_else(|| result.strongest()).map(|evaluated| evaluated.plan);
+        Ok(best.map_or(chosen, |plan| pool.plans[plan].candidate.trajectory().clone()))
+    }
+}
+
+impl Attacker for DriverSearch {
+    /// What the generator selects: before the driver has learnt anything there is nothing to search.
+    fn plan(
+        &self,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        at: &OperatingPoint,
+        seed: u64,
+    ) -> Result<Arc<Plan>, Error> {
+        self.generator.plan(scene, drive, at, seed)
+    }
+
+    fn searched(
+        &self,
+        policy: &dyn EgoPolicy,
+        scene: &Arc<SimScene>,
+        at: &OperatingPoint,
+        seed: u64,
+    ) -> Option<Result<Trajectory, Error>> {
+        Some(self.found(policy, scene, at, seed))
+    }
+}

@@ -9,6 +9,7 @@ mod map_order;
 mod scene_data;
 mod sidewalks;
 mod track;
+mod tracks;
 
 pub use adversary::{is_copy_of_ego, path_conflict, select_adversary};
 pub use index::{SceneIndex, Sided};
@@ -17,6 +18,7 @@ pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
 pub use scene_data::SceneData;
 pub use sidewalks::Sidewalks;
 pub use track::{Track, TrackKind};
+pub use tracks::Tracks;
 
 use std::sync::Arc;
 
@@ -37,8 +39,8 @@ pub struct Scene {
     pub frames: usize,
     /// Time of each frame, seconds; as many as `frames`, or none if the file has none.
     pub timestamps: Vec<f64>,
-    /// All road users, in the order of the file.
-    pub tracks: Vec<Track>,
+    /// All road users, in the order of the file; shared between copies of the scene until one changes them.
+    pub tracks: Tracks,
     /// Lanes, lines, edges; shared between copies of the scene.
     pub map: Arc<Map>,
     /// Traffic lights.

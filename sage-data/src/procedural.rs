@@ -127,7 +127,7 @@ fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
         id: id.to_owned(),
         frames: FRAMES,
         timestamps: (0..FRAMES).map(|f| f64::from((f as f64 * DT) as f32)).collect(),
-        tracks,
+        tracks: tracks.into(),
         map: Arc::new(map),
         lights,
         ego: 0,

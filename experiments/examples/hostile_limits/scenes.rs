@@ -104,7 +104,7 @@ fn moved(scene: &mut Scene, by: f64) {
 
 /// Copies of all tracks, spread by some metres.
 fn copies(scene: &mut Scene, count: usize, spread: f64, rng: &mut Rng) {
-    let tracks: Vec<Track> = scene.tracks.clone();
+    let tracks: Vec<Track> = scene.tracks.to_vec();
     for number in 0..count {
         for track in &tracks {
             let mut copy = track.clone();

@@ -49,7 +49,7 @@ pub fn road(adversary: Track, others: Vec<Track>) -> Scene {
         id: "road".into(),
         frames: 91,
         timestamps: vec![],
-        tracks,
+        tracks: tracks.into(),
         map: map.into(),
         lights: vec![],
         ego: 0,

@@ -77,7 +77,7 @@ pub fn scene(seed: u64) -> Scene {
         id: format!("laws-{seed}"),
         frames: FRAMES,
         timestamps: vec![],
-        tracks,
+        tracks: tracks.into(),
         map: Arc::new(map),
         lights: vec![],
         ego: 0,

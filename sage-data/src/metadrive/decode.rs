@@ -70,7 +70,7 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
     fields.spend(&root.key("(root)"), 0)?;
     let (adversary, adversary_origin) = (None, AdversaryOrigin::None);
     let scene =
-        Scene { id, frames, timestamps, tracks, map, lights, ego, adversary, adversary_origin, notes };
+        Scene { id, frames, timestamps, tracks: tracks.into(), map, lights, ego, adversary, adversary_origin, notes };
     repairs::finish(Draft { scene, named, sample_rate, now_index }, options, path)
 }
 

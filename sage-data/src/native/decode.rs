@@ -196,7 +196,7 @@ pub(crate) fn decode(bytes: &[u8], options: &ReadOptions, path: &Path) -> Result
         id: header.id,
         frames: header.frames,
         timestamps,
-        tracks,
+        tracks: tracks.into(),
         map,
         lights,
         ego: header.ego,

@@ -40,7 +40,7 @@ pub fn scene(id: &str, tracks: Vec<Track>, map: Map) -> Scene {
         id: id.to_owned(),
         frames: FRAMES,
         timestamps: Vec::new(),
-        tracks: all,
+        tracks: all.into(),
         map: Arc::new(map),
         lights: Vec::new(),
         ego: 0,
@@ -163,7 +163,7 @@ pub fn odd() -> Vec<Scene> {
     long.tracks = vec![
         track_of(199, "ego", "VEHICLE", 0.0, 8.0, |_| true),
         track_of(199, "other", "CYCLIST", 4.0, 3.0, |f| f > 100),
-    ];
+    ].into();
     long.adversary = Some(1);
     all.push(long);
     all

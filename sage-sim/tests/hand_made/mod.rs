@@ -60,7 +60,7 @@ pub fn scene(map: Map, tracks: Vec<Track>) -> Scene {
         frames: FRAMES,
         timestamps: vec![],
         adversary: (tracks.len() > 1).then_some(1),
-        tracks,
+        tracks: tracks.into(),
         map: Arc::new(map),
         lights: vec![],
         ego: 0,

@@ -41,7 +41,7 @@ pub(crate) use sharding::{JobsArgs, JoinArgs, Scheduler, StatusArgs};
 pub(crate) use studies::{ReportArgs, StudyArgs};
 pub(crate) use testing::{FailureReportArgs, Keep, SuiteArgs, TestArgs};
 pub(crate) use theory::TheoryArgs;
-pub(crate) use training::{EgosName, TrainEgoArgs};
+pub(crate) use training::{EgosName, RecipeName, RewardSpec, TrainEgoArgs};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
 pub(crate) const MOST_PROCEDURAL: u64 = 100_000;

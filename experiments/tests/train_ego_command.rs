@@ -129,30 +129,36 @@ fn wrong_uses_are_refused_with_the_remedy() {
 }
 
 #[test]
-fn a_policy_by_ppo_with_all_options_drives_everywhere() {
+fn a_policy_by_the_recipe_for_drivers_drives_everywhere() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let [run, again, table] = ["run", "again", "table"].map(path);
     let scene = example();
     let config = r#"{"ppo": {"hidden": [16, 16], "environments": 8, "horizon": 10, "minibatch": 40}}"#;
-    let options = [
-        "train-ego",
-        &scene,
+    let written_out = r#"{"ppo": {"hidden": [16, 16], "environments": 8, "horizon": 10, "minibatch": 40, "gamma": 0.98, "kept": 0.6,
+        "entropy": 0.003}}"#;
+    let of_recipe = [
         "--learner",
         "ppo",
-        "--steps",
-        "800",
         "--goes-on",
         "--egos",
         "all",
         "--mirrored",
         "0.5",
         "--procedural-share",
-        "0.5",
+        "0.2",
+        "--reward",
+        r#"contact-ends{"penalty":20},5*off-road,2*speed-limit,smooth"#,
+        "--config",
+        written_out,
+    ];
+    let options = [
+        "train-ego",
+        &scene,
+        "--steps",
+        "800",
         "--procedural",
         "6",
-        "--reward",
-        "contact-ends,2*speed-limit,0.1*smooth",
         "--evaluations",
         "2",
         "--checkpoint-every",
@@ -161,25 +167,24 @@ fn a_policy_by_ppo_with_all_options_drives_everywhere() {
         "rule",
         "--eval-method",
         "none",
-        "--config",
-        config,
     ];
     let train = |more: &[&str]| sage(&[&options[..], more].concat());
-    let first = train(&["--seeds", "0..2", "--out", text(&run)]);
+    let first = train(&["--recipe", "driver", "--config", config, "--seeds", "0..2", "--out", text(&run)]);
     assert!(stdout(&first).contains("| 1 | unchanged |"), "{}", stdout(&first));
     assert!(stderr(&first).contains("scenes, each with one ego"), "{}", stderr(&first));
-    stdout(&train(&["--seeds", "1..2", "--threads", "1", "--out", text(&again)]));
+    let alone = ["--seeds", "1..2", "--threads", "1", "--out", text(&again)];
+    stdout(&train(&[&of_recipe[..], &alone].concat()));
     let read = |path: &std::path::Path| fs::read(path).unwrap();
     for name in
         ["policy.safetensors", "episodes.csv", "evaluations.csv", "README.md"].map(|n| format!("seed-1/{n}"))
     {
         assert!(
             read(&run.join(&name)) == read(&again.join(&name)),
-            "{name} depends on threads or other seeds"
+            "{name} depends on threads, other seeds, or how the options are given"
         );
     }
     let policy = run.join("seed-1/policy.safetensors");
-    let ego = format!("td3:{}", policy.display());
+    let ego = format!("ppo:{}", policy.display());
     let drives = rows(&sage(&["simulate", &scene, "--ego", &ego, "--json", "--out", text(&path("drives"))]));
     assert_eq!(drives.len(), 1);
     let runs = format!("quick={}", run.display());
@@ -207,14 +212,28 @@ fn attacks_that_were_searched_depend_on_no_threads() {
     let train = |more: &[&str]| {
         let options =
             ["train-ego", "--procedural", "9", "--learner", "ppo", "--steps", "1600", "--config", config];
-        let attacks =
-            ["--curriculum", "constant", "--method", "sage", "--eval-method", "none", "--evaluations", "2"];
+        let attacks = [
+            "--curriculum",
+            "constant",
+            "--method",
+            "sage",
+            "--eval-method",
+            "none",
+            "--evaluations",
+            "2",
+            "--seeds",
+            "0..2",
+        ];
         stdout(&sage(&[&options[..], &attacks, more].concat())).to_owned()
     };
     train(&["--search", "3", "--checkpoint-every", "400", "--out", text(&whole)]);
     train(&["--search", "3", "--checkpoint-every", "80", "--threads", "1", "--out", text(&threads)]);
     train(&["--checkpoint-every", "400", "--out", text(&one_shot)]);
-    let read = |path: &std::path::Path| fs::read(path.join("seed-0/episodes.csv")).unwrap();
-    assert!(read(&whole) == read(&threads), "the same search gives other attacks");
-    assert!(read(&whole) != read(&one_shot), "the search changes nothing");
+    let read = |path: &std::path::Path, seed: usize| {
+        fs::read(path.join(format!("seed-{seed}/episodes.csv"))).unwrap()
+    };
+    for seed in 0..2 {
+        assert!(read(&whole, seed) == read(&threads, seed), "the same search gives other attacks");
+        assert!(read(&whole, seed) != read(&one_shot, seed), "the search changes nothing");
+    }
 }

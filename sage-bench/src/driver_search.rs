@@ -1,4 +1,5 @@
-//! An attacker that lets the driver in training drive against several plans of a generator, and attacks by one that it fails at.
+//! An attacker for trainings: the policy of the moment drives against several plans of a generator, and the attack is one at which the
+//! policy is at fault. [`crate::searched_attacker`] searches once for all failures of a driver that stays the same.
 
 use std::sync::Arc;
 
@@ -9,14 +10,11 @@ use sage_sim::{
     drive::Drive,
     policy::EgoPolicy,
     rl::Attacker,
-    search::{Clause, Pool, Requirement, SearchOptions, search},
+    search::{Clause, MOST_PLANS, Pool, Requirement, SearchOptions, search},
     traffic::Plan,
 };
 
 use crate::{generators::BuiltGenerator, selection::Selection};
-
-/// Plans of a pool; far more than a search in training drives against.
-const PLANS: usize = 256;
 
 /// A generator whose plans are searched with the driver in the loop.
 pub struct DriverSearch {
@@ -27,9 +25,10 @@ pub struct DriverSearch {
 
 impl DriverSearch {
     /// A search of at most `drives` attacked drives a scene, up to the first plan at which the driver is at fault. `rule` says
-    /// which plans are feasible.
+    /// which plans are feasible. A drive is that of `sage search`: not mirrored, with the default car and parked cars, and it does
+    /// not end at arrival.
     pub fn new(generator: BuiltGenerator, rule: Selection, drives: usize) -> Self {
-        // Whether a good driver could avoid the attack takes longer to answer than all drives.
+        // What a driver is at fault at is worth learning, avoidable or not.
         let require = Requirement::of(&[Clause::Believable, Clause::AtFault]);
         let options = SearchOptions { budget: drives, first: true, require, ..SearchOptions::default() };
         Self { generator, rule, options }
@@ -48,12 +47,12 @@ impl DriverSearch {
         let ctx = test.context()?;
         let attack = self.generator.attack_between(&ctx, at, seed)?;
         if attack.reaction.is_some() {
-            let problem = "a search drives against plans; this adversary reacts".to_owned();
-            return Err(Error::Plan { scene: scene.scene().id.clone(), problem });
+            // What it does is known only when it is driven; that is then its plan.
+            return Ok(test.path_of(&attack)?.trajectory);
         }
         let rule = self.rule.objective.rule();
         let chosen = attack.candidates[attack.chosen].trajectory.clone();
-        let mut pool = Pool::new(&ctx, rule, vec![attack.candidates], PLANS);
+        let mut pool = Pool::new(&ctx, rule, vec![attack.candidates], MOST_PLANS);
         let result = search(&test, &ctx, rule, &mut pool, &self.options, seed, None)?;
         let worst = result.worst().map(|failure| &result.driven[failure.drive]);
         let best = worst.or_else(|| result.strongest()).map(|evaluated| evaluated.plan);

@@ -198,6 +198,11 @@ impl BuiltGenerator {
         plan_of_generator(&*self.generator.0, &self.points[number], scene, drive, seed)
     }
 
+    /// Its name and options.
+    pub fn label(&self) -> &str {
+        &self.label
+    }
+
     /// Whether it can attack at a λ between two experts, known before the first attack.
     ///
     /// *Errors*: an expert is missing.
@@ -216,6 +221,7 @@ impl BuiltGenerator {
         seed: u64,
     ) -> Result<Attack, sage_sim::Error> {
         let point = self.point_in(ctx.scene(), at)?;
+        // A contact at now counts here, as in the published evaluation.
         let attack = self.generator.0.attacks(ctx, std::slice::from_ref(&point), seed)?.into_iter().next();
         let attack = attack.ok_or_else(|| self.wrong_in(ctx.scene(), "the generator gave no attack"))?;
         attack.check(ctx.scene())?;

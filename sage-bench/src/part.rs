@@ -61,7 +61,7 @@ impl fmt::Display for Part {
 }
 
 /// Policies that a file describes, written NAME:FILE.
-const FROM_FILES: [&str; 2] = ["path", "td3"];
+const FROM_FILES: [&str; 3] = ["path", "ppo", "td3"];
 /// Policy that a command describes, and how it is written: cmd:COMMAND.
 const PROCESS: &str = "process";
 const COMMAND: &str = "cmd:";
@@ -71,13 +71,13 @@ const SERVE: [&str; 3] = ["python3", "-m", "advsage.serve"];
 /// Most files beside a script that are looked at.
 const MOST_BESIDE: usize = 1000;
 
-/// A driving policy: a part, `path:FILE` for the drive of another planner, `td3:FILE` for a learnt policy,
+/// A driving policy: a part, `path:FILE` for the drive of another planner, `ppo:FILE` for a learnt policy,
 /// `cmd:COMMAND` for a planner that is a program, or `py:MODULE:CLASS` for one that is a class of Python, served by `advsage`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyPart(pub Part);
 
 impl PolicyPart {
-    /// The file of a `path` or `td3`.
+    /// The file of a `path` or a learnt policy.
     pub fn file(&self) -> Option<&str> {
         let Self(part) = self;
         part.options.get("file").and_then(Value::as_str).filter(|_| FROM_FILES.contains(&&*part.name))

@@ -208,5 +208,10 @@ pub fn episode_metrics() -> Result<Metrics<EpisodeRow>, Error> {
         Metric::share("time limit", |e: &E| Some(e.time_limit)),
         Metric::share("failed", |e: &E| Some(e.failed.is_some())).about("no episode: counts as a failure"),
         Metric::mean("steps", |e: &E| Some(e.steps as f64)).unit("steps"),
+        Metric::share("standing", |e: &E| Some(e.standing))
+            .about(
+                "stood for 3 s before its route's end with no road user and no red light within 15 m ahead",
+            )
+            .less_is_better(),
     ])
 }

@@ -13,6 +13,7 @@ mod idm;
 mod idm_release;
 mod idm_sets;
 mod lane_change;
+mod learned;
 mod path;
 mod pdm;
 mod pid;
@@ -22,7 +23,6 @@ mod process;
 mod r157;
 mod replay;
 mod steering;
-mod td3;
 mod tracking;
 
 use std::{cell::OnceCell, fmt, path::Path, sync::Arc};
@@ -39,13 +39,13 @@ pub use expert::Expert;
 pub use expert_release::ExpertRelease;
 pub use idm::IdmPolicy;
 pub use idm_release::IdmRelease;
+pub use learned::{LearnedPolicyOptions, Ppo, Td3};
 pub use path::{DrivenPath, PathPolicy};
 pub use pdm::{Pdm, PdmOptions};
 #[cfg(unix)]
 pub use process::{Process, ProcessOptions, kill_programs};
 pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
-pub use td3::{Td3, Td3PolicyOptions};
 pub use tracking::Tracking;
 
 use crate::{
@@ -84,6 +84,7 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, sage_core::Error> {
         .with::<Pdm>()?
         .with::<Expert>()?
         .with::<ExpertRelease>()?
+        .with::<Ppo>()?
         .with::<Td3>()?
         .with::<Tracking>()?
         .with::<ConstantSpeed>()?

@@ -33,7 +33,7 @@ fn scenes() -> Vec<Arc<SimScene>> {
 fn setting(curriculum: Option<&str>, order: SceneOrder) -> Setting {
     let adversary = curriculum.map(|name| {
         let curriculum = curricula().unwrap().build_default(name).unwrap();
-        Adversary::new(Arc::new(Chase { is_broken: false }), curriculum.into(), true, 1000)
+        Adversary::new(Arc::new(Chase { is_broken: false, searches: false }), curriculum.into(), true, 1000)
     });
     let rules = EnvironmentOptions { max_steps: STEPS, ..EnvironmentOptions::training() };
     Setting { scenes: Arc::new(scenes()), order, rules: Arc::new(rules), adversary }
@@ -250,8 +250,12 @@ fn scenes_that_cannot_be_used_or_attacked_are_noted() {
 
     let mut attacked = setting(Some("constant"), SceneOrder::Random);
     let curriculum = curricula().unwrap().build_default("constant").unwrap();
-    attacked.adversary =
-        Some(Adversary::new(Arc::new(Chase { is_broken: true }), curriculum.into(), true, 1000));
+    attacked.adversary = Some(Adversary::new(
+        Arc::new(Chase { is_broken: true, searches: false }),
+        curriculum.into(),
+        true,
+        1000,
+    ));
     let mut batch = Batch::new(attacked, options(8, AutoReset::Off)).unwrap();
     batch.reset_all(0, &mut out).unwrap();
     assert!(out.rows.iter().all(|row| row.intensity.is_none()));

@@ -16,17 +16,25 @@ use short_training::{scenes, small};
 
 /// Trains with a checkpoint every `every` steps and a fresh process, so to say, after each; the files of the end.
 fn trained(options: &TrainingOptions, every: u64, resumes: bool) -> BTreeMap<String, Vec<u8>> {
+    trained_against(&Chase { is_broken: false, searches: false }, options, every, resumes)
+}
+
+fn trained_against(
+    chase: &Chase,
+    options: &TrainingOptions,
+    every: u64,
+    resumes: bool,
+) -> BTreeMap<String, Vec<u8>> {
     let (training, evaluation) = (scenes(6, 0), scenes(3, 1));
     let folder = tempfile::tempdir().expect("a folder");
     let (curricula, samplers) = (curricula().expect("names differ"), scene_samplers().expect("names differ"));
     let curriculum = curricula.build_default("adaptive").expect("registered");
     let sampler = samplers.build_default("prioritised").expect("registered");
-    let chase = Chase { is_broken: false };
     let setting = || Setting {
         scenes: &training,
         evaluation: &evaluation,
-        attacker: Some(&chase),
-        examiner: Some(&chase),
+        attacker: Some(chase),
+        examiner: Some(chase),
         curriculum: &*curriculum,
         sampler: &*sampler,
         second_kind: None,
@@ -97,27 +105,42 @@ fn several_environments_resume_too() {
 #[test]
 fn a_run_by_ppo_resumes_too() {
     let options = TrainingOptions {
-        algorithm: Algorithm::Ppo,
-        ppo: PpoOptions {
-            hidden: [16, 16],
-            environments: 6,
-            horizon: 10,
-            minibatch: 30,
-            ..PpoOptions::default()
-        },
-        ppo_steps: 1500,
         mirrored: 0.5,
         evaluations: 3,
         drives: 2,
         refresh_after: Some(200),
         seed: 7,
-        ..TrainingOptions::default()
+        ..small_ppo()
     };
     let whole = trained(&options, 400, false);
     assert!(whole == trained(&options, 400, false), "the same run twice");
     assert!(whole == trained(&options, 130, true), "resuming changes the run");
-    let other = TrainingOptions { mirrored: 0.0, ..options };
+    let other = TrainingOptions { mirrored: 0.0, ..options.clone() };
     assert!(whole != trained(&other, 400, false), "mirror images change nothing");
+    // A plan that was found with the policy of a moment is kept: the policy of a later moment would find another.
+    let search = Chase { is_broken: false, searches: true };
+    let searched = trained_against(&search, &options, 400, false);
+    assert!(searched != whole, "the search changes nothing");
+    assert!(searched == trained_against(&search, &options, 130, true), "resuming changes the attacks");
+}
+
+/// A training by PPO of a second.
+fn small_ppo() -> TrainingOptions {
+    let ppo = PpoOptions {
+        hidden: [16, 16],
+        environments: 6,
+        horizon: 10,
+        minibatch: 30,
+        kept: 0.3,
+        ..PpoOptions::default()
+    };
+    TrainingOptions {
+        algorithm: Algorithm::Ppo,
+        ppo,
+        ppo_steps: 1500,
+        evaluations: 3,
+        ..TrainingOptions::default()
+    }
 }
 
 /// What a test breaks.
@@ -136,7 +159,7 @@ fn stopped(options: &TrainingOptions, broken: Broken) -> String {
     let curricula = curricula().expect("names differ");
     let curriculum = curricula.build_default("constant").expect("registered");
     let sampler = scene_samplers().expect("names differ").build_default("uniform").expect("registered");
-    let chase = Chase { is_broken: broken == Broken::Generator };
+    let chase = Chase { is_broken: broken == Broken::Generator, searches: false };
     let setting = Setting {
         scenes: &training,
         evaluation: &[],
@@ -173,11 +196,13 @@ fn what_is_not_a_number_stops_the_run_by_scene_step_and_tensor() {
     for (broken, what) in [
         (Broken::Generator, "chase"),
         (Broken::Reward, "reward is not a number"),
-        (Broken::Weight, "step 200 of the training: tensor `actor.l2.weight` is not a number"),
+        (Broken::Weight, " of the training: tensor `actor.l2.weight` is not a number"),
         (Broken::Observation, "number 47 of the observation is not a number"),
     ] {
-        let stop = stopped(&small(), broken);
-        assert!(stop.contains("scene `") && stop.contains(" step ") && stop.contains(what), "{stop}");
+        for options in [small(), small_ppo()] {
+            let stop = stopped(&options, broken);
+            assert!(stop.contains("scene `") && stop.contains(" step ") && stop.contains(what), "{stop}");
+        }
     }
 }
 
@@ -186,6 +211,9 @@ fn divergence_stops_the_run() {
     let td3 = Td3Options { hidden: [256, 256], actor_rate: 1.0, critic_rate: 1.0, ..small().td3 };
     let stop = stopped(&TrainingOptions { td3, updates: 1000, ..small() }, Broken::Nothing);
     assert!(stop.contains("diverges"), "{stop}");
+    let ppo = PpoOptions { rate: 1e6, ..small_ppo().ppo };
+    let stop = stopped(&TrainingOptions { ppo, ..small_ppo() }, Broken::Nothing);
+    assert!(stop.contains("diverges") || stop.contains("is not finite"), "{stop}");
 }
 
 #[test]

@@ -1,5 +1,8 @@
 //! A prior and experts trained on procedural scenes, with their dial, as files by name.
 
+/// A driving policy trained by PPO on procedural scenes without attacks; its card says how.
+pub const PPO: &[u8] = include_bytes!("../procedural/ppo.safetensors");
+
 /// A driving policy trained by TD3 on procedural scenes without attacks: `sage train-ego --method none`.
 pub const TD3: &[u8] = include_bytes!("../procedural/td3.safetensors");
 

@@ -1,4 +1,4 @@
-//! Times of learning a driving policy: an update of TD3, an action, and a thousand steps of training with everything.
+//! Times of learning a driving policy: an update of TD3, an action, and a thousand steps of training by TD3 and by PPO.
 
 use std::{sync::Arc, time::Instant};
 
@@ -9,8 +9,9 @@ use sage_sim::{
     SimScene,
     observation::LENGTH,
     rl::{
-        ReplayBuffer, Setting, SingleRow, Td3Learner, Td3Options, Training, TrainingOptions, TrainingState,
-        Transition, TransitionBatch, curriculum::curricula, scene_sampler::scene_samplers,
+        Algorithm, PpoOptions, ReplayBuffer, Setting, SingleRow, Td3Learner, Td3Options, Training,
+        TrainingOptions, TrainingState, Transition, TransitionBatch, curriculum::curricula,
+        scene_sampler::scene_samplers,
     },
 };
 
@@ -20,9 +21,9 @@ use super::timing::{Timing, measure, timing};
 const TRANSITIONS: usize = 100_000;
 /// Updates or actions that one measurement takes together.
 const TOGETHER: usize = 20;
-/// Steps with updates of the row of a training, after as many random ones as a batch has.
+/// Steps that a reported time of a training is for.
 const STEPS: u64 = 1000;
-/// Scenes of that row.
+/// Scenes of the trainings.
 const SCENES: u64 = 14;
 
 /// Times learning; the targets are those of a machine with AVX-512.
@@ -53,11 +54,24 @@ pub(super) fn run(repeat: usize, report: &mut impl FnMut(Timing) -> Result<()>) 
         (start.elapsed(), ())
     });
     report(timing("TD3: an action", each(actions), Some(0.03)))?;
-    report(timing(
-        "TD3: 1000 steps of training, an update each, everything",
-        training(repeat.div_ceil(25))?,
-        Some(4000.0),
-    ))
+    let random = options.batch as u64;
+    let count = repeat.div_ceil(25);
+    let td3 = TrainingOptions {
+        td3: Td3Options { random_steps: random, ..Td3Options::default() },
+        updates: (count as u64 + 1) * STEPS,
+        ..TrainingOptions::default()
+    };
+    let times = training(td3, random, [STEPS, count as u64])?;
+    report(timing("TD3: 1000 steps of training, an update each, everything", times, Some(4000.0)))?;
+    let batch = PpoOptions::default().batch() as u64;
+    let ppo = TrainingOptions {
+        algorithm: Algorithm::Ppo,
+        ppo_steps: (count as u64 + 1) * batch,
+        evaluations: 1,
+        ..TrainingOptions::default()
+    };
+    let times = training(ppo, batch, [batch, count as u64])?;
+    report(timing("PPO: 1000 steps of training, everything", times, Some(60.0)))
 }
 
 /// A buffer of random transitions.
@@ -79,8 +93,9 @@ fn filled() -> ReplayBuffer {
     buffer
 }
 
-/// Milliseconds of a thousand steps with updates, without attacks, on procedural scenes.
-fn training(repeat: usize) -> Result<Vec<f64>> {
+/// Milliseconds of a thousand steps of a training without attacks on procedural scenes, after some steps that do not count: a
+/// number of measurements of so many steps each.
+fn training(options: TrainingOptions, before: u64, [steps, count]: [u64; 2]) -> Result<Vec<f64>> {
     let kinds = Kind::ALL.iter().cycle();
     let scenes = (0..SCENES).zip(kinds).filter_map(|(number, kind)| generate(*kind, 0, number));
     let scenes: Vec<Arc<SimScene>> = scenes
@@ -91,12 +106,6 @@ fn training(repeat: usize) -> Result<Vec<f64>> {
         .collect::<Result<_, _>>()?;
     let (curricula, samplers) = (curricula()?, scene_samplers()?);
     let (curriculum, sampler) = (curricula.build_default("paper")?, samplers.build_default("uniform")?);
-    let random = Td3Options::default().batch as u64;
-    let options = TrainingOptions {
-        td3: Td3Options { random_steps: random, ..Td3Options::default() },
-        updates: (repeat as u64 + 1) * STEPS,
-        ..TrainingOptions::default()
-    };
     let state = TrainingState::new(&options, scenes.len()).map_err(|problem| anyhow!(problem))?;
     let setting = Setting {
         scenes: &scenes,
@@ -108,11 +117,11 @@ fn training(repeat: usize) -> Result<Vec<f64>> {
         second_kind: None,
     };
     let mut run = Training::new(options, setting, state);
-    run.advance(random, |_| ())?;
-    let mut times = Vec::with_capacity(repeat);
-    for _ in 0..repeat {
+    run.advance(before, |_| ())?;
+    let mut times = Vec::new();
+    for _ in 0..count {
         let (before, start) = (run.state().counters().steps, Instant::now());
-        run.advance(before + STEPS, |_| ())?;
+        run.advance(before + steps, |_| ())?;
         // A part of the last episode comes on top.
         let steps = run.state().counters().steps - before;
         times.push(1e3 * start.elapsed().as_secs_f64() / steps as f64 * STEPS as f64);

@@ -16,7 +16,7 @@ use crate::part::{Part, split};
 /// Train a driving policy, alone or against an adversary (SAGE, algorithm 2).
 ///
 /// Every episode is a scene in which the adversary attacks with the probability and intensity of the curriculum; the
-/// generator plans against the newest drive of the policy in that scene. At fixed steps the policy is evaluated on the scenes of --eval, unchanged and under attack at λ = 1.
+/// generator plans against the newest drive of the policy in that scene; with --search the policy drives against several plans. At fixed steps the policy is evaluated on the scenes of --eval, unchanged and under attack at λ = 1.
 ///
 /// The output folder holds a folder per seed (`seed-0/`): `policy.safetensors` with its card, the policies of the last
 /// five evaluations, `evaluations.csv`, `episodes.csv`, and a checkpoint; beside them `curves.csv`, SVG curves and
@@ -48,8 +48,8 @@ pub(crate) struct TrainEgoArgs {
     /// Generator of the attacks, by its name in `sage list`, or none.
     #[arg(long, help_heading = ATTACK, alias = "generator", value_name = "NAME", default_value = "none")]
     pub method: Part,
-    /// Let the newest policy drive against up to N of the plans of --method, and attack by the first that it is at fault at,
-    /// or by the strongest.
+    /// Let the newest policy drive against up to N of the drivable plans of --method, and attack by the first at which it is at
+    /// fault, or by the strongest.
     #[arg(long, help_heading = ATTACK, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
     pub search: Option<u64>,
     /// Generator of the attacks in the evaluation, or none.
@@ -69,9 +69,12 @@ pub(crate) struct TrainEgoArgs {
     /// Which scene is next, by its name in `sage list`.
     #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "uniform")]
     pub sampler: Part,
-    /// Algorithm: td3 as published, or ppo, which learns as much in a tenth of the time.
-    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "td3")]
-    pub learner: LearnerName,
+    /// What the other options are by default: as published, or as the shipped drivers were trained.
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "published")]
+    pub recipe: RecipeName,
+    /// Algorithm: td3 as published, or ppo, which learns as much in a tenth of the time (default: td3; recipe driver: ppo).
+    #[arg(long, help_heading = TRAINING, value_name = "NAME")]
+    pub learner: Option<LearnerName>,
     /// PPO: steps of 0.1 s in all (default: 1000000).
     #[arg(long, help_heading = TRAINING, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub steps: Option<u64>,
@@ -81,21 +84,24 @@ pub(crate) struct TrainEgoArgs {
     /// TD3: updates per step of the environment (default: 1, as published).
     #[arg(long, help_heading = TRAINING, value_name = "R")]
     pub ratio: Option<f64>,
-    /// Rewards with weights, by their names in `sage list`, such as 'contact-ends,0.05*smooth'.
-    #[arg(long, help_heading = TRAINING, value_name = "[WEIGHT*]NAME,…", default_value = "published")]
-    pub reward: RewardSpec,
-    /// Arrival and leaving the road do not end an episode; the route goes on along the lanes.
-    #[arg(long, help_heading = TRAINING)]
-    pub goes_on: bool,
-    /// Which vehicles of the scenes are driven in training: the recorded ego, or all that move for 3 s.
-    #[arg(long, help_heading = SCENE, value_name = "WHICH", default_value = "recorded")]
-    pub egos: EgosName,
-    /// Share of the episodes in procedural scenes, beside those of PATH.
+    /// Rewards with weights, by their names in `sage list`, such as 'contact-ends,0.05*smooth'
+    /// (default: published; recipe driver: rewards for care).
+    #[arg(long, help_heading = TRAINING, value_name = "[WEIGHT*]NAME,…")]
+    pub reward: Option<RewardSpec>,
+    /// Arrival and leaving the road do not end an episode; the route goes on along the lanes (default: false; recipe driver:
+    /// true).
+    #[arg(long, help_heading = TRAINING, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub goes_on: Option<bool>,
+    /// Which vehicles of the scenes are driven in training: the recorded ego, or all that move for 3 s (default: recorded;
+    /// recipe driver: all).
+    #[arg(long, help_heading = SCENE, value_name = "WHICH")]
+    pub egos: Option<EgosName>,
+    /// Share of the episodes in procedural scenes, beside those of PATH (default: none; recipe driver: 0.2).
     #[arg(long, help_heading = SCENE, value_name = "SHARE", requires = "paths", value_parser = share)]
     pub procedural_share: Option<f64>,
-    /// Share of the episodes in the mirror image of their scene, 0 to 1.
-    #[arg(long, help_heading = TRAINING, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
-    pub mirrored: f64,
+    /// Share of the episodes in the mirror image of their scene, 0 to 1 (default: 0; recipe driver: 0.5).
+    #[arg(long, help_heading = TRAINING, value_name = "SHARE", value_parser = share)]
+    pub mirrored: Option<f64>,
     /// Seeds, as FIRST..END (END is not among them).
     #[arg(long, help_heading = RUN, value_name = "A..B", default_value = "0..1", value_parser = seeds)]
     pub seeds: std::ops::Range<u64>,
@@ -114,6 +120,15 @@ pub(crate) struct TrainEgoArgs {
     pub license: Option<String>,
     #[command(flatten)]
     pub folder: FolderArgs,
+}
+
+/// Defaults of the other options.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum RecipeName {
+    /// TD3, the published rules and reward, the recorded egos.
+    Published,
+    /// PPO, episodes that go on, rewards for care, all vehicles and mirror images.
+    Driver,
 }
 
 /// Which vehicles are driven in training.

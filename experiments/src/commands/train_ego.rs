@@ -1,5 +1,6 @@
 //! `sage train-ego`: trains driving policies, a run per seed.
 
+mod chosen;
 mod columns;
 mod one_seed;
 mod report;
@@ -14,19 +15,16 @@ use std::{
     time::Instant,
 };
 
-use anyhow::{Context as _, Result, anyhow, bail};
-use sage_bench::{driver_search::DriverSearch, search::rule, study::in_one_line};
-use sage_core::{
-    files,
-    scene::{SceneData, SceneIndex},
-};
+use anyhow::{Context as _, Result, bail};
+use sage_bench::{driver_search::DriverSearch, search::rule};
+use sage_core::scene::{SceneData, SceneIndex};
 use sage_sim::{
     SimScene,
     rl::{Algorithm, Attacker, BUFFER, CHECKPOINT, TrainingOptions},
 };
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use self::{columns::Columns, trained::Trained};
+use self::{chosen::Chosen, columns::Columns, trained::Trained};
 use crate::{
     Outcome, Registries,
     cli::{EgosName, SplitArgs, TrainEgoArgs},
@@ -41,21 +39,8 @@ use crate::{
 
 /// Name for no generator.
 const NONE: &str = "none";
-/// Options of a run that are options of the command, not of its configuration.
-const OWN_OPTIONS: [(&str, &str); 8] = [
-    ("algorithm", "--learner"),
-    ("updates", "--updates"),
-    ("ratio", "--ratio"),
-    ("ppo_steps", "--steps"),
-    ("mirrored", "--mirrored"),
-    ("goes_on", "--goes-on"),
-    ("evaluations", "--evaluations"),
-    ("seed", "--seeds"),
-];
 /// Steps between two checkpoints where none are given: the buffer of TD3 grows with each, and PPO is many times faster.
 const CHECKPOINT_EVERY: [(Algorithm, u64); 2] = [(Algorithm::Td3, 5000), (Algorithm::Ppo, 200_000)];
-/// Size limit of a configuration, bytes.
-const MAX_CONFIG: u64 = 1 << 20;
 /// Procedural scenes of the evaluation have this seed, those of the training have 0.
 const EVALUATION_SEED: u64 = 1;
 /// Licence of policies that saw procedural scenes only.
@@ -86,8 +71,7 @@ struct Shared<'a> {
 
 pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let mut options = options(args)?;
-    options.reward = args.reward.build(&registries.driving_rewards)?;
+    let Chosen { options, egos, procedural_share } = Chosen::of(args, &registries.driving_rewards)?;
     args.curriculum.build(&registries.curricula)?;
     args.sampler.build(&registries.scene_samplers)?;
     let selection = Selection::of(registries, &args.selection, None)?;
@@ -120,18 +104,18 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         (None, None) => None,
     };
     let (mut training, mut failed) = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
-    if args.egos == EgosName::All {
+    if egos == EgosName::All {
         training = with_other_egos(training, attacker.is_some());
     }
     let mut second_kind = None;
-    if let Some(share) = args.procedural_share.filter(|_| !args.paths.is_empty()) {
+    if let Some(share) = procedural_share {
         second_kind = Some((training.len(), share));
         let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
         let (procedural, without) = scenes(&[], &every, args.procedural, 0, needs_adversary)?;
         training.extend(procedural);
         failed += without;
     }
-    if args.egos == EgosName::All || second_kind.is_some() {
+    if egos == EgosName::All || second_kind.is_some() {
         progress::say(&format!("training in {} scenes, each with one ego", training.len()));
     }
     let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
@@ -146,7 +130,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         "evaluation_generator": args.eval_method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
         "weights": used,
-        "scenes": hashes[0], "egos": args.egos.name(), "procedural_share": args.procedural_share,
+        "scenes": hashes[0], "egos": egos.name(), "procedural_share": procedural_share,
         "reward": options.reward.to_string(), "evaluation_scenes": hashes[1], "checkpoint_every": checkpoint_every,
         "seeds": [args.seeds.start, args.seeds.end], "program": output::program(),
     });
@@ -200,63 +184,12 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
 /// A generator whose plans are searched with the policy in training.
 fn searching(generator: BuiltGenerator, drives: usize, registries: &Registries) -> Result<Box<dyn Attacker>> {
     if generator.facts.knows.driver || generator.facts.is_upper_bound {
-        bail!("--search is for generators that propose several plans and do not ask the driver themselves");
+        bail!(
+            "--search drives against plans that --method proposes, and `{}` asks the driver itself or is an upper bound; leave --search out, or name a generator such as sage",
+            generator.label()
+        );
     }
     Ok(Box::new(DriverSearch::new(generator, rule(registries, None)?, drives)))
-}
-
-/// Options of the runs; the seed is set later.
-fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
-    let inline = args.config.trim_start().starts_with('{');
-    let (text, name) = if inline {
-        (args.config.clone(), "--config")
-    } else {
-        let read = files::read_text(args.config.as_ref(), MAX_CONFIG);
-        (read.with_context(|| format!("--config: cannot read `{}`", args.config))?, &*args.config)
-    };
-    let given: Map<String, Value> =
-        serde_saphyr::from_str(&text).map_err(in_one_line).with_context(|| format!("`{name}`"))?;
-    if let Some((key, option)) = OWN_OPTIONS.iter().find(|(key, _)| given.contains_key(*key)) {
-        bail!("`{name}`: `{key}` is not part of a configuration; give {option}");
-    }
-    let of_other: &[&str] = match args.learner.algorithm() {
-        Algorithm::Td3 => &["ppo"],
-        Algorithm::Ppo => &["td3", "environments"],
-    };
-    if let Some(key) = of_other.iter().find(|key| given.contains_key(**key)) {
-        bail!("`{name}`: `{key}` is an option of the other learner; see --learner");
-    }
-    let rare: TrainingOptions =
-        serde_json::from_value(Value::Object(given)).with_context(|| format!("`{name}`"))?;
-    let TrainEgoArgs { evaluations, mirrored, goes_on, .. } = *args;
-    let algorithm = args.learner.algorithm();
-    let of_other = match algorithm {
-        Algorithm::Td3 => [("--steps", args.steps.is_some())].to_vec(),
-        Algorithm::Ppo => [("--updates", args.updates.is_some()), ("--ratio", args.ratio.is_some())].to_vec(),
-    };
-    if let Some((option, _)) = of_other.into_iter().find(|(_, is_given)| *is_given) {
-        let (name, other) = match algorithm {
-            Algorithm::Td3 => ("td3", "--updates and --ratio"),
-            Algorithm::Ppo => ("ppo", "--steps"),
-        };
-        bail!("{option} is no option of `--learner {name}`; its length is given by {other}");
-    }
-    let defaults = TrainingOptions::default();
-    let (updates, ratio) = (args.updates.unwrap_or(defaults.updates), args.ratio.unwrap_or(defaults.ratio));
-    let ppo_steps = args.steps.unwrap_or(defaults.ppo_steps);
-    let options = TrainingOptions {
-        algorithm,
-        updates,
-        ratio,
-        ppo_steps,
-        mirrored,
-        goes_on,
-        evaluations,
-        seed: 0,
-        ..rare
-    };
-    options.check().map_err(|problem| anyhow!(problem))?;
-    Ok(options)
 }
 
 /// Scenes that can be driven, and how many failed.

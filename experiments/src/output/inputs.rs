@@ -24,7 +24,7 @@ pub(crate) struct Inputs(Vec<PathBuf>);
 
 impl Inputs {
     /// All files and folders that the command line of this process names, other than its outputs: as a value, as the
-    /// value of a flag, as the file of a policy (`td3:FILE`), in a list, as an option in JSON, or as the name of weights.
+    /// value of a flag, as the file of a policy (`ppo:FILE`), in a list, as an option in JSON, or as the name of weights.
     pub(crate) fn of_command_line() -> Self {
         Self::named(without_command(command_line::arguments()).into_iter())
     }

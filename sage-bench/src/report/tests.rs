@@ -10,6 +10,8 @@ use crate::{
     table::Table,
 };
 
+/// Half the width of an interval up to which a difference that is not resolved is known to be small.
+const BOUNDED: f64 = 0.025;
 /// Level of the tests.
 const LEVEL: f64 = 0.05;
 
@@ -104,6 +106,7 @@ fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
     let corrected = holm(&rows.iter().map(|(.., d)| d.p).collect::<Vec<_>>());
     let row = |((what, larger, expected, d), p): ((String, bool, String, Difference), f64)| {
         let verdict = match (d.estimate.value > 0.0) == larger {
+            _ if p >= LEVEL && is_bounded(&d) => "bounded",
             _ if p >= LEVEL => "not resolved",
             true => &expected,
             false => &family.verdicts[1],
@@ -120,8 +123,12 @@ fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
     let heads =
         ["difference", "expected", "value", "p", "seeds needed", "verdict"].map(str::to_owned).to_vec();
     let title = format!(
-        "{}. Differences are paired by scene, and by seed where both have the same; p is corrected by Holm's method over the rows. Seeds: per method, for a power of 0.8:",
+        "{}. Differences are paired by scene, and by seed where both have the same; p is corrected by Holm's method over the rows. Bounded: not resolved, but the interval is at most ± {BOUNDED} wide. Seeds: per method, for a power of 0.8:",
         family.title
     );
     Ok(Some(Table { title, heads, rows: rows.into_iter().zip(corrected).map(row).collect(), names: 1 }))
+}
+
+fn is_bounded(d: &Difference) -> bool {
+    0.5 * (d.estimate.high - d.estimate.low) <= BOUNDED
 }

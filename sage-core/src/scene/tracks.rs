@@ -71,3 +71,26 @@ impl IntoIterator for Tracks {
         Arc::unwrap_or_clone(self.0).into_iter()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{super::TrackKind, *};
+
+    #[test]
+    fn a_change_of_a_copy_leaves_the_original_alone() {
+        let track = Track {
+            id: "car".to_owned(),
+            kind: TrackKind::Vehicle,
+            position: vec![[0.0; 3]],
+            heading: vec![0.0],
+            velocity: vec![[0.0; 2]],
+            size: vec![[4.0, 2.0, 1.5]],
+            valid: vec![true],
+        };
+        let tracks = Tracks::from(vec![track]);
+        let mut copy = tracks.clone();
+        assert!(copy.is_same(&tracks));
+        copy[0].heading[0] = 1.0;
+        assert!(!copy.is_same(&tracks) && tracks[0].heading[0] == 0.0);
+    }
+}

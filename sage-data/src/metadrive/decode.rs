@@ -69,8 +69,18 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
     // A lookup beyond the work limit returns `None`, which must not count as a missing field.
     fields.spend(&root.key("(root)"), 0)?;
     let (adversary, adversary_origin) = (None, AdversaryOrigin::None);
-    let scene =
-        Scene { id, frames, timestamps, tracks: tracks.into(), map, lights, ego, adversary, adversary_origin, notes };
+    let scene = Scene {
+        id,
+        frames,
+        timestamps,
+        tracks: tracks.into(),
+        map,
+        lights,
+        ego,
+        adversary,
+        adversary_origin,
+        notes,
+    };
     repairs::finish(Draft { scene, named, sample_rate, now_index }, options, path)
 }
 

@@ -86,7 +86,8 @@ impl Made {
                 track("ego", TrackKind::Vehicle, straight, times, size),
                 track("car", TrackKind::Vehicle, car, times, size),
                 track("person", TrackKind::Pedestrian, standing, times, [0.7, 0.7, 1.8]),
-            ].into(),
+            ]
+            .into(),
             map: Arc::new(map),
             lights: vec![TrafficLight { lane: "0".to_owned(), stop_point: None, states: states.collect() }],
             ego: 0,

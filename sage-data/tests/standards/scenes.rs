@@ -163,7 +163,8 @@ pub fn odd() -> Vec<Scene> {
     long.tracks = vec![
         track_of(199, "ego", "VEHICLE", 0.0, 8.0, |_| true),
         track_of(199, "other", "CYCLIST", 4.0, 3.0, |f| f > 100),
-    ].into();
+    ]
+    .into();
     long.adversary = Some(1);
     all.push(long);
     all

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use sage_core::{generator::OperatingPoint, geometry::norm, motion::DT};
 use serde::{Deserialize, Serialize};
 
-use super::Attacker;
+use super::{Attacker, standing::Standing};
 use crate::{
     Error,
     drive::{Drive, OffRoad, found},
@@ -58,6 +58,9 @@ pub struct EpisodeRow {
     pub speed: f64,
     /// Mean size of the jerk, m/s³, over the steps with two predecessors.
     pub jerk: f64,
+    /// Whether it stood for 3 s before the end of its recorded route, though neither a road user nor a red light was within
+    /// 15 m ahead.
+    pub standing: bool,
 }
 
 /// Rules of the evaluation with some rules of training: a contact with a vehicle ends the episode, and a limit of steps
@@ -97,6 +100,7 @@ pub fn drive_episode(
     let off_road = OffRoad::start(scene.index().map());
     let mut drive = Drive { motions: vec![start], off_road, ..Drive::default() };
     let mut row = EpisodeRow::default();
+    let mut standing = Standing::default();
     while !environment.is_over() {
         let control = {
             let world = environment.world();
@@ -113,6 +117,7 @@ pub fn drive_episode(
         let outcome = environment.step_with(control)?;
         drive.motions.push(*environment.world().motion());
         row.count(&outcome, environment.world().step_count());
+        standing.count(environment.world(), scene.guide());
         if environment.options().goes_on {
             // What is not a number stays so.
             for completion in [&mut row.completion, &mut row.completion_recorded] {
@@ -121,6 +126,7 @@ pub fn drive_episode(
         }
     }
     row.off_road = row.off_road.filter(|_| off_road.is_measured());
+    row.standing = standing.is_long();
     let world = environment.world();
     for contact in &world.facts().contacts {
         drive.contacts.extend(found(world, contact));

@@ -81,7 +81,7 @@ impl PolicyCard {
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref)] // As serde asks.
-fn is_zero(x: &f64) -> bool {
+pub(super) fn is_zero(x: &f64) -> bool {
     *x == 0.0
 }
 

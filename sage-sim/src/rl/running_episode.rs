@@ -32,7 +32,7 @@ pub(super) struct Attack {
 }
 
 impl Attack {
-    /// Where it is on the dial.
+    /// Its operating point: μ = λ.
     pub(super) fn point(&self) -> OperatingPoint {
         OperatingPoint::at(self.lambda, self.lambda)
     }

@@ -13,10 +13,10 @@ pub use replay_buffer::{ReplayBuffer, Transition};
 use sage_core::seed::Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-pub use update::{NamedTensor, Td3Learner, TransitionBatch, UpdateReport};
+pub use update::{Td3Learner, TransitionBatch, UpdateReport};
 
 use self::buffer_log::BufferLog;
-use super::{DrivenStep, Learner, Network, SingleRow, TrainingOptions};
+use super::{DrivenStep, Learner, NamedTensor, Network, SingleRow, TrainingOptions};
 use crate::observation::LENGTH;
 
 /// Sizes of observation and action.

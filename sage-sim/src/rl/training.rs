@@ -223,16 +223,15 @@ impl<'a> Training<'a> {
         let drawn = self.setting.curriculum.draw(&at, coin);
         let mut attack = None;
         if let Some((lambda, attacker)) = drawn.zip(self.setting.attacker) {
-            self.refresh(scene, world)?;
-            let stored = &self.state.drives[scene];
-            let drive = stored.get(coin.below(stored.len())).map(|stored| stored.motions.clone());
-            let mut drawn = Attack { lambda, seed: coin.bits(), drive, found: None };
-            if self.state.learner.has_learnt(self.state.counters.steps) {
-                let scene = &self.setting.scenes[scene];
-                let found = attacker.searched(&self.policy(), scene, &drawn.point(), drawn.seed);
-                drawn.found = found.transpose()?;
-            }
-            attack = Some(drawn);
+            attack = Some(match self.searched(attacker, scene, lambda, world)? {
+                Some(attack) => attack,
+                None => {
+                    self.refresh(scene, world)?;
+                    let stored = &self.state.drives[scene];
+                    let drive = stored.get(coin.below(stored.len())).map(|stored| stored.motions.clone());
+                    Attack { lambda, seed: coin.bits(), drive, found: None }
+                }
+            });
         }
         let slots = self.slots.len();
         // Of the first turn of this place.
@@ -250,9 +249,28 @@ impl<'a> Training<'a> {
         Ok(running)
     }
 
+    /// The attack that a search with the policy of this moment finds, if the attacker searches.
+    fn searched(
+        &self,
+        attacker: &dyn Attacker,
+        scene: usize,
+        lambda: f64,
+        seed: u64,
+    ) -> Result<Option<Attack>, Error> {
+        if !self.state.learner.has_learnt(self.state.counters.steps) {
+            return Ok(None);
+        }
+        let attack = Attack { lambda, seed, drive: None, found: None };
+        let found = attacker.searched(&self.policy(), &self.setting.scenes[scene], &attack.point(), seed);
+        Ok(found.transpose()?.map(|found| Attack { found: Some(found), ..attack }))
+    }
+
     fn count_attack(&mut self, scene: usize, attack: &Attack) {
         let counters = &mut self.state.counters;
         counters.attacked += 1;
+        if attack.found.is_some() {
+            return;
+        }
         let is_it = |stored: &&StoredDrive| Some(&stored.motions) == attack.drive.as_ref();
         match self.state.drives[scene].iter().find(is_it) {
             Some(stored) => {

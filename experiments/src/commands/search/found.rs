@@ -152,7 +152,8 @@ fn check_poses(field: &str, poses: &[[f64; 3]], count: RangeInclusive<usize>) ->
 /// The words of a driver without the folders of its files: suites and reports are passed on, and folders are nobody's
 /// business.
 pub(in crate::commands) fn without_folders(ego: &str) -> String {
-    let Some((kind, rest)) = ego.split_once(':').filter(|(kind, _)| ["cmd", "path", "td3"].contains(kind))
+    let Some((kind, rest)) =
+        ego.split_once(':').filter(|(kind, _)| ["cmd", "path", "ppo", "td3"].contains(kind))
     else {
         return ego.to_owned();
     };

@@ -8,7 +8,7 @@ pub(super) const COMPLETION: &str = "completion";
 pub(super) const CONTACT: &str = "contact";
 pub(super) const OFF_ROAD: &str = "off road";
 /// Names of all columns.
-const NAMES: [&str; 13] = [
+const NAMES: [&str; 14] = [
     "reward",
     "cost",
     COMPLETION,
@@ -22,6 +22,7 @@ const NAMES: [&str; 13] = [
     "failed",
     "speed",
     "jerk",
+    "standing",
 ];
 
 /// The columns.

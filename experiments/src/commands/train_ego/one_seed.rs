@@ -110,14 +110,17 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
 fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCard {
     let args = shared.args;
     let options = TrainingOptions { seed: trained.seed, ..shared.options.clone() };
-    let training = json!({
-        "algorithm": report::algorithm(&options), "generator": args.method.to_string(), "search": args.search, "curriculum": args.curriculum.to_string(),
+    let mut training = json!({
+        "algorithm": report::algorithm(&options), "generator": args.method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "weights": shared.weights,
         "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
-        "scenes": shared.identity["scenes"], "egos": args.egos.name(),
-        "procedural_scenes": args.procedural_share.map(|share| json!({"scenes": args.procedural, "share": share})),
+        "scenes": shared.identity["scenes"], "egos": shared.identity["egos"],
+        "procedural_scenes": shared.second_kind.map(|(_, share)| json!({"scenes": args.procedural, "share": share})),
         "reward": options.reward.to_string(), "options": options,
     });
+    if let Some(drives) = args.search {
+        training["search"] = drives.into();
+    }
     let measured = json!({
         "scenes": shared.identity["evaluation_scenes"], "attacks": args.eval_method.to_string(),
         "unchanged": report::means(&shared.columns, &evaluation.unchanged),

@@ -178,9 +178,10 @@ pub(super) fn card_page(columns: &Columns, card: &PolicyCard) -> String {
         let mean = |name: &String| format!("{:.2}", evaluation[kind][name].as_f64().unwrap_or(f64::NAN));
         means.row(kind, names.iter().map(mean));
     }
+    let algorithm = training["algorithm"].as_str().unwrap_or("TD3");
     format!(
-        "# A driving policy trained by {}\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego td3:policy.safetensors`.\n\n{}\n## Evaluation\n\n{}",
-        training["algorithm"].as_str().unwrap_or("TD3"),
+        "# A driving policy trained by {algorithm}\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego {}:policy.safetensors`.\n\n{}\n## Evaluation\n\n{}",
+        algorithm.to_lowercase(),
         facts.markdown(),
         means.markdown()
     )

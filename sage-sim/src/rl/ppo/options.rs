@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::super::policy_file::is_zero;
+
 /// Options of PPO; the defaults were chosen on this simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -36,6 +38,7 @@ pub struct PpoOptions {
     pub deviation: f64,
     /// Share of the last action that an action keeps, 0 to below 1: more is smoother, and explores along the same line
     /// for longer.
+    #[serde(skip_serializing_if = "is_zero")]
     pub kept: f64,
 }
 

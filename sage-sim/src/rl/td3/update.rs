@@ -16,9 +16,10 @@ use sage_core::seed::Rng;
 
 use super::{
     super::{
-        Network, Shape,
+        NamedTensor, Network, Shape,
         adam::{Following, Moments},
         kernels::{Real, join},
+        named_tensors::{check, set, views, with_broken},
         network::{Activations, HiddenGradients, SingleRow},
     },
     Td3Options,
@@ -37,17 +38,6 @@ impl<T: Real> Trained<T> {
         let moments = Moments::new(online.parameters().len());
         Self { target: online.clone(), online, moments }
     }
-}
-
-/// A tensor of a learner.
-#[derive(Clone, Debug)]
-pub struct NamedTensor<'a, T> {
-    /// Name, such as `target.critic.q1.l2.weight`.
-    pub name: String,
-    /// Sizes of its axes.
-    pub shape: Vec<usize>,
-    /// Its numbers, row-major.
-    pub numbers: &'a [T],
 }
 
 /// Transitions of one update, as columns.
@@ -225,16 +215,7 @@ impl<T: Real> Td3Learner<T> {
                 ("m.", &trained.moments.first[..]),
                 ("v.", &trained.moments.second[..]),
             ];
-            let shape = trained.online.shape();
-            for (prefix, numbers) in columns {
-                for ((name, shape), range) in shape.tensors().into_iter().zip(shape.ranges()) {
-                    all.push(NamedTensor {
-                        name: format!("{prefix}{network}.{name}"),
-                        shape,
-                        numbers: &numbers[range],
-                    });
-                }
-            }
+            all.extend(views(network, trained.online.shape(), columns));
         }
         all
     }
@@ -243,13 +224,7 @@ impl<T: Real> Td3Learner<T> {
     ///
     /// *Errors*: the name of a tensor that is missing or has another size; nothing has changed then.
     pub fn set_tensors(&mut self, tensors: &BTreeMap<String, Vec<T>>, updates: u64) -> Result<(), String> {
-        for NamedTensor { name, numbers, .. } in self.tensors() {
-            let found = tensors.get(&name).ok_or_else(|| format!("tensor `{name}` is missing"))?;
-            if found.len() != numbers.len() {
-                let expected = numbers.len();
-                return Err(format!("tensor `{name}` has {} numbers; expected {expected}", found.len()));
-            }
-        }
+        check(&self.tensors(), tensors)?;
         let [q1, q2] = &mut self.critics;
         for (network, trained) in [("actor", &mut self.actor), ("critic.q1", q1), ("critic.q2", q2)] {
             let shape = *trained.online.shape();
@@ -259,11 +234,7 @@ impl<T: Real> Td3Learner<T> {
                 ("m.", &mut trained.moments.first[..]),
                 ("v.", &mut trained.moments.second[..]),
             ];
-            for (prefix, numbers) in columns {
-                for ((name, _), range) in shape.tensors().iter().zip(shape.ranges()) {
-                    numbers[range].copy_from_slice(&tensors[&format!("{prefix}{network}.{name}")]);
-                }
-            }
+            set(network, &shape, columns, tensors);
         }
         self.updates = updates;
         self.forget_input_gradient();
@@ -279,11 +250,7 @@ impl<T: Real> Td3Learner<T> {
 
     /// Sets the first number of a tensor to NaN.
     pub(super) fn break_weight(&mut self, tensor: &str) {
-        let tensors = self.tensors().into_iter().map(|t| (t.name, t.numbers.to_vec()));
-        let mut all: BTreeMap<String, Vec<T>> = tensors.collect();
-        if let Some(first) = all.get_mut(tensor).and_then(|numbers| numbers.first_mut()) {
-            *first = T::of(f64::NAN);
-        }
+        let all = with_broken(&self.tensors(), tensor);
         // The names and sizes are its own.
         let _ = self.set_tensors(&all, self.updates);
     }

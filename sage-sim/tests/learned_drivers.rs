@@ -6,7 +6,7 @@ mod hand_made;
 
 use std::sync::Arc;
 
-use hand_made::{car, prepared, road, scene};
+use hand_made::{car, prepared, road, road_under_a_bridge, scene};
 use sage_core::{scene::Track, seed::Rng};
 use sage_sim::{
     SimScene,
@@ -28,9 +28,9 @@ fn on_road(tracks: Vec<Track>) -> Arc<SimScene> {
 
 /// The numbers of the three road users that are described.
 fn described(tracks: Vec<Track>) -> [[f64; 4]; 3] {
-    let rules =
-        EnvironmentOptions { observation: CONTINUED, goes_on: true, ..EnvironmentOptions::training() };
-    let environment = Environment::reset(on_road(tracks), Arc::new(rules), None, 0).unwrap();
+    let options = TrainingOptions { goes_on: true, ..TrainingOptions::default() };
+    let scene = prepared(scene(road_under_a_bridge(), tracks));
+    let environment = Environment::reset(scene, Arc::new(options.rules()), None, 0).unwrap();
     let mut numbers = [0.0; LENGTH];
     environment.observe(&mut numbers);
     // Metres and metres a second again.
@@ -54,14 +54,16 @@ fn the_one_ahead_and_those_that_come_closest_are_described() {
     let parked = car("parked", [20.0, 6.0], 0.0, 0.0);
     // Near, but it never comes nearer.
     let beside = car("beside", [-8.0, 3.5], 0.0, 10.0);
-    let mut above = car("above", [12.0, 0.0], 0.0, 0.0);
+    // On the bridge over the road.
+    let mut above = car("above", [40.0, 0.0], 0.0, 0.0);
     above.position.iter_mut().for_each(|p| p[2] += 6.0);
-    let [first, second, third] = described(vec![ego(), beside.clone(), parked, oncoming, ahead, above]);
+    let [first, second, third] =
+        described(vec![ego(), beside.clone(), parked, oncoming, ahead, above.clone()]);
     // From bumper to bumper: 15 m less twice half a length of 4.5 m.
     assert_near(first, [10.5, 0.0, -10.0, 0.0]);
     assert_near(second, [48.0, 3.5, -20.0, 0.0]);
     assert_near(third, [20.0, 6.0, -10.0, 0.0]);
-    let [first, second, third] = described(vec![ego(), beside]);
+    let [first, second, third] = described(vec![ego(), beside, above]);
     let absent = [50.0, 0.0, 0.0, 0.0];
     assert_near(first, absent);
     assert_near(second, [-8.0, 3.5, 0.0, 0.0]);
@@ -71,7 +73,7 @@ fn the_one_ahead_and_those_that_come_closest_are_described() {
 #[test]
 fn who_brakes_for_nothing_stands_without_cause() {
     let brakes = policies().unwrap().build("constant", &json!({"throttle": -1.0})).unwrap();
-    let rules = Arc::new(EnvironmentOptions::training());
+    let rules = Arc::new(EnvironmentOptions::training().with_parked(true));
     let drive = |others: Vec<Track>| {
         let ego = car("ego", [0.0, 0.0], 0.0, 8.0);
         let tracks = std::iter::once(ego).chain(others).collect();

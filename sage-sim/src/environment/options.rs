@@ -127,6 +127,12 @@ impl EnvironmentOptions {
         Self { world: Arc::new(world), ..Self::default() }
     }
 
+    /// With parked cars, or without.
+    pub fn with_parked(self, parked: bool) -> Self {
+        let traffic = TrafficOptions { parked, ..self.world.traffic.clone() };
+        Self { world: Arc::new(WorldOptions { traffic, ..(*self.world).clone() }), ..self }
+    }
+
     /// MetaDrive 0.3.0.1 as configured for training, with all its oddities.
     pub fn metadrive() -> Self {
         let traffic = TrafficOptions {

@@ -69,7 +69,7 @@ pub(crate) struct TrainEgoArgs {
     /// Which scene is next, by its name in `sage list`.
     #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "uniform")]
     pub sampler: Part,
-    /// What the other options are by default: as published, or as the shipped drivers were trained.
+    /// What the other options are by default: as published, or as the shipped driver ppo was trained.
     #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "published")]
     pub recipe: RecipeName,
     /// Algorithm: td3 as published, or ppo, which learns as much in a tenth of the time (default: td3; recipe driver: ppo).

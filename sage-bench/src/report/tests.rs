@@ -123,7 +123,7 @@ fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
     let heads =
         ["difference", "expected", "value", "p", "seeds needed", "verdict"].map(str::to_owned).to_vec();
     let title = format!(
-        "{}. Differences are paired by scene, and by seed where both have the same; p is corrected by Holm's method over the rows. Bounded: not resolved, but the interval is at most ± {BOUNDED} wide. Seeds: per method, for a power of 0.8:",
+        "{}. Differences are paired by scene, and by seed where both have the same; p is corrected by Holm's method over the rows. Bounded: not resolved, but the interval reaches at most {BOUNDED} to each side. Seeds: per method, for a power of 0.8:",
         family.title
     );
     Ok(Some(Table { title, heads, rows: rows.into_iter().zip(corrected).map(row).collect(), names: 1 }))

@@ -154,23 +154,36 @@ fn memory_does_not_grow_with_the_number_of_scenes() {
     if !Command::new("python3").args(["-I", "-c", ""]).output().is_ok_and(|run| run.status.success()) {
         return eprintln!("left out: the peak of memory is asked for by python3");
     }
+    // Peaks of equal runs differ by 30 MiB, upwards: the least of three counts.
+    let assert_bounded = |name: &str, counts: [usize; 2], run: &dyn Fn(usize) -> f64| {
+        let mut peaks = [f64::INFINITY; 2];
+        for _ in 0..3 {
+            for (peak, count) in peaks.iter_mut().zip(counts) {
+                *peak = peak.min(run(count));
+            }
+            if peaks[1] - peaks[0] < 0.5 * (counts[1] - counts[0]) as f64 {
+                return;
+            }
+        }
+        panic!("{name}: {:.0} MiB with {} scenes, {:.0} with {}", peaks[0], counts[0], peaks[1], counts[1]);
+    };
     for (name, command) in [
         ("table", vec!["bench", "open-loop", "--methods", "log,random", "--lambda", "1"]),
         ("dial", vec!["bench", "dial"]),
         ("calibrate", vec!["calibrate", "--selection", "paper-selection"]),
     ] {
-        // 24 scenes fill the window of scenes that are held at once. Peaks of equal runs differ by 20 MiB.
-        let [few, many] = [24, 88].map(|count| {
-            let out = folder.path().join(format!("{name}-{count}"));
+        // 24 scenes fill the window of scenes that are held at once.
+        assert_bounded(name, [24, 88], &|count| {
+            let out = tempfile::tempdir_in(&folder).unwrap();
+            let out = out.path().join(name);
             let some = names[..count].join(",");
             peak(&[&command[..], &[text(&scenes), "--scenes", &some, "--out", text(&out)]].concat())
         });
-        let growth = (many - few) / 64.0;
-        assert!(growth < 0.5, "{name}: {few:.0} MiB with 24 scenes, {many:.0} with 88");
     }
     // Until all buffers have been used once, memory grows with the largest scene so far.
-    let [few, many] = [72, 152].map(|count| {
-        let [part, out] = ["part", "out"].map(|name| folder.path().join(format!("{name}-{count}")));
+    assert_bounded("generate", [72, 152], &|count| {
+        let folder = tempfile::tempdir_in(&folder).unwrap();
+        let [part, out] = ["part", "out"].map(|name| folder.path().join(name));
         std::fs::create_dir(&part).unwrap();
         for name in &names[..count] {
             let file = format!("{name}.safetensors");
@@ -178,6 +191,4 @@ fn memory_does_not_grow_with_the_number_of_scenes() {
         }
         peak(&["generate", text(&part), "--lambda", "0,1", "--json", "--out", text(&out)])
     });
-    let growth = (many - few) / 80.0;
-    assert!(growth < 0.5, "generate: {few:.0} MiB with 72 scenes, {many:.0} with 152");
 }

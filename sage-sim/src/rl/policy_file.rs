@@ -163,17 +163,24 @@ pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), String> 
 
 /// Refuses another observation, and says which of its numbers differ.
 fn check_observation(card: &PolicyCard) -> Result<(), String> {
-    let known = observation::names(card.observes());
-    let differs = |k: &usize| card.observation.get(*k) != known.get(*k);
-    let all: Vec<usize> = (0..known.len().max(card.observation.len())).filter(differs).collect();
+    let differences = |known: &[String]| -> Vec<usize> {
+        let differs = |k: &usize| card.observation.get(*k) != known.get(*k);
+        (0..known.len().max(card.observation.len())).filter(differs).collect()
+    };
+    let kinds = [ObservationKind::Corrected, ObservationKind::Continued].map(observation::names);
+    let [corrected, continued] = &kinds;
+    // Of the one that it is most like.
+    let known =
+        if differences(continued).len() < differences(corrected).len() { continued } else { corrected };
+    let all = differences(known);
     let Some(first) = all.first() else {
-        if card.observation_hash == hash(&known) {
+        if card.observation_hash == hash(known) {
             return Ok(());
         }
         return Err(format!(
             "its card names the numbers of this version's observation with the hash `{}`, which is `{}`; copy or train it again",
             card.observation_hash.escape_debug(),
-            hash(&known)
+            hash(known)
         ));
     };
     let name = |names: &[String]| names.get(*first).map_or("nothing".to_owned(), |name| format!("`{name}`"));

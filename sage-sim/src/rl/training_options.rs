@@ -194,7 +194,5 @@ impl TrainingOptions {
             observation: self.observation(),
             ..EnvironmentOptions::training()
         }
-        // The drive that is trained is that of `sage simulate`.
-        .with_parked(self.goes_on)
     }
 }

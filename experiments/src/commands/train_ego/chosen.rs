@@ -25,7 +25,7 @@ const OWN_OPTIONS: [(&str, &str); 8] = [
 /// Size limit of a configuration, bytes.
 const MAX_CONFIG: u64 = 1 << 20;
 /// Rewards of the recipe `driver`.
-const CAREFUL: &str = r#"contact-ends{"penalty":30},5*off-road,2*speed-limit,0.5*smooth"#;
+const CAREFUL: &str = r#"contact-ends{"penalty":30},5*off-road,2*speed-limit,smooth"#;
 
 /// Defaults of the options.
 struct Recipe {
@@ -58,7 +58,7 @@ impl Recipe {
                 mirrored: 0.5,
                 goes_on: true,
                 procedural_share: Some(0.2),
-                ppo: json!({"entropy": 0.003, "kept": 0.5, "gamma": 0.98, "environments": 512, "minibatch": 4096}),
+                ppo: json!({"entropy": 0.003, "kept": 0.6, "gamma": 0.98, "environments": 512, "minibatch": 4096}),
             },
         }
     }

@@ -78,8 +78,8 @@ fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
                 .metric(subject, name)
                 .with_context(|| format!("`tests` names `{name}`, which is not measured"))
         };
-        let of = metric(&claim.metric)?;
         let Some(subject_of) = method(results, tested, &claim.attack) else { continue };
+        let of = metric(&claim.metric)?;
         for other in &others {
             let Some(against) = method(results, other, &claim.attack) else { continue };
             let less = |k: usize| {

@@ -74,12 +74,28 @@ fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study> {
         test_run(&mut study, run)?;
     }
     if args.axes.unattacked {
-        study.measure.retain(|subject| *subject == Subject::Drive);
-        study.metrics.retain(|subject, _| *subject == Subject::Drive);
+        if study.measures(Subject::Episode) {
+            study.method.clear();
+        }
+        let has_unattacked = |subject: &Subject| matches!(subject, Subject::Drive | Subject::Episode);
+        study.measure.retain(has_unattacked);
+        study.metrics.retain(|subject, _| has_unattacked(subject));
+        if study.measure.is_empty() {
+            bail!(
+                "--unattacked: study `{}` measures no drive without an attack; `drivers` does",
+                study.study
+            );
+        }
     }
     // Against drivers, the drives under attack are what is asked for.
-    let of_drives =
-        [Subject::Drive, Subject::AttackedDrive, Subject::Search, Subject::Threshold, Subject::Transfer];
+    let of_drives = [
+        Subject::Drive,
+        Subject::Episode,
+        Subject::AttackedDrive,
+        Subject::Search,
+        Subject::Threshold,
+        Subject::Transfer,
+    ];
     let is_driven = of_drives.iter().any(|subject| study.measures(*subject));
     if !study.ego.is_empty() && !is_driven {
         study.measure.push(Subject::AttackedDrive);

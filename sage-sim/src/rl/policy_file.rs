@@ -190,7 +190,7 @@ fn check_observation(card: &PolicyCard) -> Result<(), String> {
         known.len(),
         ranges(&all),
         name(&card.observation),
-        name(&known)
+        name(known)
     ))
 }
 

@@ -81,6 +81,23 @@ fn shards_are_joined_to_the_report_of_the_whole() {
 }
 
 #[test]
+fn without_attacks_only_unchanged_scenes_are_driven() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path_in(folder.path(), "unchanged");
+    let study = ["bench", "closed-loop", "--procedural", "2", "--ego", "idm", "--unattacked", "--out", out];
+    stdout(&sage(&study));
+    let estimates = fs::read_to_string(Path::new(out).join("estimates.csv")).unwrap();
+    let mut rows = estimates.lines().skip(1).peekable();
+    assert!(rows.peek().is_some());
+    for row in rows {
+        let fields: Vec<&str> = row.split(',').collect();
+        assert_eq!((fields[0], fields[2]), ("episode", ""), "{row}");
+    }
+    let refused = sage(&["bench", "open-loop", "--unattacked", "--out", path_in(folder.path(), "none")]);
+    assert_snapshot!(stderr(&refused), @"error: --unattacked: study `open-loop` measures no drive without an attack; `drivers` does");
+}
+
+#[test]
 fn a_study_is_checked_before_scenes_are_read() {
     let folder = tempfile::tempdir().unwrap();
     let (study, out) = (documented(folder.path()), folder.path().join("out"));

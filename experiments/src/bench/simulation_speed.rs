@@ -16,7 +16,6 @@ use sage_sim::{
     observation::LENGTH,
     policy::{EgoPolicy, policies},
     vehicle::Action,
-    world::WorldOptions,
 };
 
 use serde_json::json;
@@ -49,7 +48,7 @@ pub(super) fn run(data: &Data, repeat: usize, report: &mut impl FnMut(Timing) ->
         return Ok(());
     }
     let training = Arc::new(EnvironmentOptions::training());
-    let all_agents = Arc::new(with_parked(&training));
+    let all_agents = Arc::new(EnvironmentOptions::training().with_parked(true));
     let repeat = repeat.div_ceil(10).max(LEAST);
     let rows: [(&'static str, &Arc<EnvironmentOptions>, bool, f64); 4] = [
         ("simulation: 1000 steps with observation, no parked cars", &training, true, 15_000.0),
@@ -139,12 +138,6 @@ fn driver(scenes: &[Arc<SimScene>], policy: &dyn EgoPolicy) -> Result<f64> {
         steps += drive(&mut simulation)?.motions.len() - 1;
     }
     Ok(1e3 * start.elapsed().as_secs_f64() * STEPS / steps as f64)
-}
-
-fn with_parked(options: &EnvironmentOptions) -> EnvironmentOptions {
-    let mut world: WorldOptions = (*options.world).clone();
-    world.traffic.parked = true;
-    EnvironmentOptions { world: Arc::new(world), ..options.clone() }
 }
 
 /// One episode in each scene.

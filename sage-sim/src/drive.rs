@@ -151,16 +151,7 @@ impl Simulation {
         let world = &self.world;
         let observed = Observed { driving: &self.driving, kind: self.observation };
         let scene = world.scene();
-        let vehicle = ControlledVehicle {
-            track: scene.scene().ego,
-            routes: [scene.guide(), scene.route()],
-            motion: *world.motion(),
-            area: world.area(),
-            ground: world.level(),
-            others: world.bodies(),
-        };
-        let control =
-            self.ego.driver.control(&View::new(world, vehicle, self.ego.knowledge, Some(observed)))?;
+        let control = self.ego.driver.control(&View::of_ego(world, self.ego.knowledge, observed))?;
         self.shown = self.ego.driver.shown();
         if let (Some((driver, [route, log])), Some((motion, body))) =
             (&mut self.adversary, world.adversary_motion())

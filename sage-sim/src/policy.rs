@@ -285,6 +285,20 @@ impl<'a> View<'a> {
         }
     }
 
+    /// The view of the driver of the ego.
+    pub fn of_ego(world: &'a World, knowledge: Knowledge, observed: Observed<'a>) -> Self {
+        let scene = world.scene();
+        let vehicle = ControlledVehicle {
+            track: scene.scene().ego,
+            routes: [scene.guide(), scene.route()],
+            motion: *world.motion(),
+            area: world.area(),
+            ground: world.level(),
+            others: world.bodies(),
+        };
+        Self::new(world, vehicle, knowledge, Some(observed))
+    }
+
     /// Number of steps driven; equals the frame of what is seen.
     pub fn step(&self) -> usize {
         self.world.step_count()

@@ -94,6 +94,7 @@ fn save_trained(folder: &Path, options: &TrainingOptions) {
         examiner: None,
         curriculum: &*curriculum,
         sampler: &*sampler,
+        teacher: None,
         second_kind: None,
     };
     let state = TrainingState::new(options, training.len()).expect("valid options");

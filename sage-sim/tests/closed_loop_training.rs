@@ -8,9 +8,12 @@ use std::{collections::BTreeMap, path::Path};
 use chase::Chase;
 use insta::assert_snapshot;
 use safetensors::SafeTensors;
-use sage_sim::rl::{
-    Algorithm, BUFFER, CHECKPOINT, PpoOptions, Setting, Td3Options, Training, TrainingOptions, TrainingState,
-    curriculum::curricula, scene_sampler::scene_samplers,
+use sage_sim::{
+    policy::policies,
+    rl::{
+        Algorithm, BUFFER, CHECKPOINT, PpoOptions, Setting, Td3Options, Training, TrainingOptions,
+        TrainingState, curriculum::curricula, scene_sampler::scene_samplers,
+    },
 };
 use short_training::{scenes, small};
 
@@ -30,6 +33,8 @@ fn trained_against(
     let (curricula, samplers) = (curricula().expect("names differ"), scene_samplers().expect("names differ"));
     let curriculum = curricula.build_default("adaptive").expect("registered");
     let sampler = samplers.build_default("prioritised").expect("registered");
+    // Whom only a learner that is taught asks.
+    let expert = policies().expect("names differ").build_default("expert").expect("registered");
     let setting = || Setting {
         scenes: &training,
         evaluation: &evaluation,
@@ -37,6 +42,7 @@ fn trained_against(
         examiner: Some(chase),
         curriculum: &*curriculum,
         sampler: &*sampler,
+        teacher: Some(&*expert),
         second_kind: None,
     };
     let state = TrainingState::new(options, training.len()).expect("valid options");
@@ -117,6 +123,12 @@ fn a_run_by_ppo_resumes_too() {
     assert!(whole == trained(&options, 130, true), "resuming changes the run");
     let other = TrainingOptions { mirrored: 0.0, ..options.clone() };
     assert!(whole != trained(&other, 400, false), "mirror images change nothing");
+    // The teacher has a state of its own, and leaves in the middle of episodes.
+    let ppo = PpoOptions { taught: 0.6, ..options.ppo.clone() };
+    let taught = TrainingOptions { ppo, ..options.clone() };
+    let with_teacher = trained(&taught, 400, false);
+    assert!(with_teacher != whole, "the teacher changes nothing");
+    assert!(with_teacher == trained(&taught, 130, true), "resuming changes what is taught");
     // A plan that was found with the policy of a moment is kept: the policy of a later moment would find another.
     let search = Chase { is_broken: false, searches: true };
     let searched = trained_against(&search, &options, 400, false);
@@ -167,6 +179,7 @@ fn stopped(options: &TrainingOptions, broken: Broken) -> String {
         examiner: None,
         curriculum: &*curriculum,
         sampler: &*sampler,
+        teacher: None,
         second_kind: None,
     };
     let mut state = TrainingState::new(options, training.len()).expect("valid options");

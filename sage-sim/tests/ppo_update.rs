@@ -10,6 +10,8 @@ use sage_sim::rl::{ActorCritic, After, Minibatch, PpoOptions, Real, SingleRow, a
 const SIZES: [usize; 2] = [7, 2];
 /// Sizes of the observations of the steps' batches: gradients of some steps are below the largest norm.
 const OBSERVATIONS: [f64; 5] = [1.0, 0.1, 2.0, 0.2, 1.0];
+/// Weights of the imitation of a teacher in the steps' batches.
+const TAUGHT: [f64; 5] = [0.0, 0.4, 0.0, 0.8, 1.0];
 
 /// Every option differs from what leaves its term out.
 fn options() -> PpoOptions {
@@ -44,7 +46,12 @@ fn learner<T: Real>() -> ActorCritic<T> {
 }
 
 /// A batch of the learner's own actions, whose ratios are up to e^0.6 from 1, independent of the advantages.
-fn random_batch<T: Real>(learner: &ActorCritic<T>, observations: f64, rng: &mut Rng) -> Minibatch<T> {
+fn random_batch<T: Real>(
+    learner: &ActorCritic<T>,
+    observations: f64,
+    taught: f64,
+    rng: &mut Rng,
+) -> Minibatch<T> {
     let rows = learner.options().minibatch;
     let rounded = |x: f64| T::of(f64::from(x as f32));
     let observations: Vec<T> = (0..rows * SIZES[0]).map(|_| rounded(observations * rng.normal())).collect();
@@ -61,6 +68,7 @@ fn random_batch<T: Real>(learner: &ActorCritic<T>, observations: f64, rng: &mut 
         log_densities: vec![0.0; rows],
         advantages: (0..rows).map(|_| 0.7 + 2.0 * rng.normal()).collect(),
         returns: (0..rows).map(|_| rng.normal()).collect(),
+        taught: ((0..rows * SIZES[1]).map(|_| rounded(rng.uniform(-1.0, 1.0))).collect(), taught),
     };
     let now = Reference::of(learner, None).log_densities(&batch).expect("candle");
     batch.log_densities = now.into_iter().map(|log| log + rng.uniform(-0.6, 0.6)).collect();
@@ -69,9 +77,9 @@ fn random_batch<T: Real>(learner: &ActorCritic<T>, observations: f64, rng: &mut 
 
 /// Largest difference of the gradients of actor, log deviations and critic, relative to the largest number of each,
 /// and of the losses.
-fn of_gradients<T: Real>(mistake: Option<Mistake>) -> f64 {
+fn of_gradients<T: Real>(taught: f64, mistake: Option<Mistake>) -> f64 {
     let mut learner = learner::<T>();
-    let batch = random_batch(&learner, 1.0, &mut Rng::new(9, "gradients", "test"));
+    let batch = random_batch(&learner, 1.0, taught, &mut Rng::new(9, "gradients", "test"));
     let reference = Reference::of(&learner, mistake);
     if mistake.is_none() {
         let counts = reference.cut_rows(&batch).expect("candle");
@@ -97,7 +105,9 @@ fn of_gradients<T: Real>(mistake: Option<Mistake>) -> f64 {
 fn after_steps<T: Real>(mistake: Option<Mistake>) -> f64 {
     let mut learner = learner::<T>();
     let mut rng = Rng::new(10, "steps", "test");
-    let batches = OBSERVATIONS.map(|size| random_batch(&learner, size, &mut rng));
+    let both = OBSERVATIONS.iter().zip(TAUGHT);
+    let batches: Vec<_> =
+        both.map(|(size, taught)| random_batch(&learner, *size, taught, &mut rng)).collect();
     let mut reference = Reference::of(&learner, mistake);
     for (k, batch) in batches.iter().enumerate() {
         let rate = 0.005 / (1.0 + k as f64);
@@ -127,10 +137,14 @@ fn after_steps<T: Real>(mistake: Option<Mistake>) -> f64 {
 
 #[test]
 fn gradients_are_those_of_automatic_differentiation() {
-    let (wide, narrow) = (of_gradients::<f64>(None), of_gradients::<f32>(None));
-    println!("gradients: {wide:.1e} in double precision, {narrow:.1e} in single precision");
-    assert!(wide <= 1e-10, "{wide:e}");
-    assert!(narrow <= 1e-5, "{narrow:e}");
+    for taught in [0.0, 0.3, 0.9] {
+        let (wide, narrow) = (of_gradients::<f64>(taught, None), of_gradients::<f32>(taught, None));
+        println!(
+            "gradients, taught {taught}: {wide:.1e} in double precision, {narrow:.1e} in single precision"
+        );
+        assert!(wide <= 1e-10, "{wide:e}");
+        assert!(narrow <= 1e-5, "{narrow:e}");
+    }
 }
 
 #[test]
@@ -144,7 +158,7 @@ fn steps_are_those_of_the_reference() {
 #[test]
 fn injected_faults_are_found() {
     for mistake in Mistake::LOSSES {
-        let gap = of_gradients::<f64>(Some(mistake));
+        let gap = of_gradients::<f64>(0.3, Some(mistake));
         println!("{mistake:?}: gradients {gap:.1e}");
         assert!(gap > 1e-3, "{mistake:?} is not found in the gradients: {gap:e}");
     }
@@ -158,7 +172,7 @@ fn injected_faults_are_found() {
 #[test]
 fn mistakes_in_the_step_leave_the_gradients() {
     for mistake in Mistake::STEPS {
-        let gap = of_gradients::<f64>(Some(mistake));
+        let gap = of_gradients::<f64>(0.3, Some(mistake));
         assert!(gap <= 1e-10, "{mistake:?}: {gap:e}");
     }
 }

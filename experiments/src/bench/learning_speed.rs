@@ -114,6 +114,7 @@ fn training(options: TrainingOptions, before: u64, [steps, count]: [u64; 2]) -> 
         examiner: None,
         curriculum: &*curriculum,
         sampler: &*sampler,
+        teacher: None,
         second_kind: None,
     };
     let mut run = Training::new(options, setting, state);

@@ -20,6 +20,7 @@ use sage_bench::{driver_search::DriverSearch, search::rule};
 use sage_core::scene::{SceneData, SceneIndex};
 use sage_sim::{
     SimScene,
+    policy::EgoPolicy,
     rl::{Algorithm, Attacker, BUFFER, CHECKPOINT, TrainingOptions},
 };
 use serde_json::{Value, json};
@@ -57,6 +58,7 @@ struct Shared<'a> {
     names: Vec<String>,
     attacker: Option<Box<dyn Attacker>>,
     examiner: Option<BuiltGenerator>,
+    teacher: Option<Box<dyn EgoPolicy>>,
     options: TrainingOptions,
     /// Where the procedural scenes begin beside others, and their share.
     second_kind: Option<(usize, f64)>,
@@ -74,6 +76,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let Chosen { options, egos, procedural_share } = Chosen::of(args, &registries.driving_rewards)?;
     args.curriculum.build(&registries.curricula)?;
     args.sampler.build(&registries.scene_samplers)?;
+    let teacher = args.teacher.as_ref().map(|teacher| teacher.build(&registries.policies)).transpose()?;
     let selection = Selection::of(registries, &args.selection, None)?;
     let mut generators = Generators::new(registries, &args.merging.merger, &selection, 0)?;
     let parts = [&args.method, &args.eval_method].map(|part| Some(part).filter(|p| p.name != NONE));
@@ -128,7 +131,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let identity = json!({
         "command": "train-ego", "options": options, "generator": args.method.to_string(), "search": args.search,
         "evaluation_generator": args.eval_method.to_string(), "curriculum": args.curriculum.to_string(),
-        "sampler": args.sampler.to_string(), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
+        "sampler": args.sampler.to_string(), "teacher": args.teacher.as_ref().map(Part::to_string), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
         "weights": used,
         "scenes": hashes[0], "egos": egos.name(), "procedural_share": procedural_share,
         "reward": options.reward.to_string(), "evaluation_scenes": hashes[1], "checkpoint_every": checkpoint_every,
@@ -144,6 +147,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         evaluation: simulated(&evaluation)?,
         attacker,
         examiner,
+        teacher,
         options,
         second_kind,
         checkpoint_every,

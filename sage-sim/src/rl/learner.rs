@@ -16,6 +16,8 @@ pub struct DrivenStep<'a> {
     pub steps: u64,
     /// Action: steering and throttle.
     pub action: [f32; 2],
+    /// What the teacher would have done in its place.
+    pub taught: Option<[f32; 2]>,
     /// Reward.
     pub reward: f32,
     /// Observation after the step.
@@ -40,6 +42,11 @@ pub trait Learner: Send {
     /// Whether a checkpoint may be written now.
     fn may_be_saved(&self) -> bool {
         true
+    }
+
+    /// Whether it learns from a teacher's actions after so many steps of the whole training.
+    fn is_taught(&self, _steps: u64) -> bool {
+        false
     }
 
     /// An episode begins with an observation.

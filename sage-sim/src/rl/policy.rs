@@ -73,6 +73,12 @@ pub(super) fn action_of(outputs: [f32; 2], observation: &[f32; LENGTH], kept: f3
     [0, 1].map(|k| kept * last[k] + (1.0 - kept) * aims[k])
 }
 
+/// The aims, −1 to 1, whose [`action_of`] comes closest to an action.
+pub(super) fn aims_of(action: [f32; 2], observation: &[f32; LENGTH], kept: f32) -> [f32; 2] {
+    let last = LAST_ACTION.map(|at| 2.0 * observation[at] - 1.0);
+    [0, 1].map(|k| ((action[k] - kept * last[k]) / (1.0 - kept)).clamp(-1.0, 1.0))
+}
+
 impl Driver for ActorDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
         let Some(observation) = view.observation() else {

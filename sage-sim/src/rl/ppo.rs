@@ -22,7 +22,11 @@ pub use normalisation::Running;
 pub use options::PpoOptions;
 
 use self::actor_critic::log_density;
-use super::{DrivenStep, Learner, NamedTensor, Network, SingleRow, network::Activations, policy::action_of};
+use super::{
+    DrivenStep, Learner, NamedTensor, Network, SingleRow,
+    network::Activations,
+    policy::{action_of, aims_of},
+};
 use crate::observation::LENGTH;
 
 /// Sizes of observation and action.
@@ -42,6 +46,8 @@ struct Batch {
     cuts: Vec<f32>,
     /// Discounted returns up to each step.
     returns: Vec<f64>,
+    /// Teacher's actions before the share of the last one, if there is a teacher.
+    taught: Vec<f32>,
 }
 
 /// What an action was drawn from.
@@ -134,7 +140,10 @@ impl Ppo {
         self.networks.values(&cuts, &mut self.values_at, &mut cut_values);
         let discounts = [options.gamma, options.gae_lambda];
         let advantages = advantages(&rewards, &values, &batch.after, &cut_values, discounts);
-        let rate = options.rate * (1.0 - done as f64 / self.batches.max(1) as f64);
+        let share = done as f64 / self.batches.max(1) as f64;
+        let rate = options.rate * (1.0 - share);
+        let has_teacher = batch.taught.len() == batch.actions.len();
+        self.minibatch.taught.1 = if has_teacher { imitation_weight(share, options.taught) } else { 0.0 };
         let mut order: Vec<usize> = (0..rewards.len()).collect();
         for epoch in 0..options.epochs {
             Rng::new(self.seed, &format!("{done} {epoch}"), "minibatches").shuffle(&mut order);
@@ -142,9 +151,11 @@ impl Ppo {
                 let to = &mut self.minibatch;
                 to.observations.clear();
                 to.actions.clear();
+                to.taught.0.clear();
                 for row in rows {
                     to.observations.extend_from_slice(&normalised[row * LENGTH..][..LENGTH]);
                     to.actions.extend_from_slice(&batch.actions[row * 2..][..2]);
+                    to.taught.0.extend(batch.taught.get(row * 2..row * 2 + 2).into_iter().flatten());
                 }
                 let picked = |all: &[f64], to: &mut Vec<f64>| {
                     to.clear();
@@ -196,6 +207,11 @@ impl Learner for Ppo {
         self.batch.rewards.is_empty()
     }
 
+    fn is_taught(&self, steps: u64) -> bool {
+        let total = self.batches * self.networks.options().batch() as u64;
+        imitation_weight(steps as f64 / total.max(1) as f64, self.networks.options().taught) > 0.0
+    }
+
     fn begin(&mut self, slot: usize, _: &[f32; LENGTH]) {
         self.discounted[slot] = 0.0;
     }
@@ -227,6 +243,8 @@ impl Learner for Ppo {
         batch.actions.extend_from_slice(&action);
         batch.log_densities.push(log_density);
         batch.rewards.push(f64::from(step.reward));
+        let aims = |action| aims_of(action, &observation, options.kept as f32);
+        batch.taught.extend(step.taught.map(aims).into_iter().flatten());
         batch.after.push(if step.is_terminal {
             After::End
         } else if step.is_over || is_last {
@@ -316,4 +334,9 @@ impl Learner for Ppo {
         self.networks.break_weight(tensor);
         self.driving = self.observations.folded(self.networks.actor());
     }
+}
+
+/// Weight of the imitation after a share of the training.
+fn imitation_weight(share: f64, taught: f64) -> f64 {
+    if share < taught { 1.0 - share / taught } else { 0.0 }
 }

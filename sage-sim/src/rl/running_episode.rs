@@ -11,9 +11,11 @@ use crate::{
     drive::Drive,
     environment::{Environment, EnvironmentOptions, Outcome},
     observation::{LENGTH, mirrored},
+    policy::{Driver, EgoPolicy, Knowledge, Start, View},
     scene::SimScene,
     traffic::Plan,
     vehicle::{Action, Motion},
+    world::Control,
 };
 
 /// How the adversary of an episode attacks.
@@ -94,15 +96,20 @@ pub(super) struct RunningEpisode {
     pub(super) motions: Vec<Motion>,
     /// Step of the first contact with the adversary.
     pub(super) touched_adversary: Option<usize>,
+    /// The teacher in this episode.
+    teacher: Option<Box<dyn Driver>>,
+    /// What the teacher would have done in the last step, in the coordinates of the driver.
+    pub(super) taught: Option<[f32; 2]>,
 }
 
 impl RunningEpisode {
-    /// Begins an episode and drives it as its record says.
+    /// Begins an episode and drives it as its record says. A teacher watches, if there is one.
     ///
-    /// *Errors*: as [`super::Attacker::plan`], [`Environment::reset`] and [`Environment::step`].
+    /// *Errors*: as [`super::Attacker::plan`], [`Environment::reset`], [`EgoPolicy::start`] and [`RunningEpisode::step`].
     pub(super) fn of(
         record: EpisodeRecord,
         setting: &Setting,
+        teacher: Option<&dyn EgoPolicy>,
         rules: &Arc<EnvironmentOptions>,
         observe: Observe,
     ) -> Result<Self, Error> {
@@ -112,6 +119,10 @@ impl RunningEpisode {
             plan = Some(attack.plan(scene, attacker)?);
         }
         let environment = Environment::reset(scene.clone(), rules.clone(), plan.clone(), record.world)?;
+        let start = |policy: &dyn EgoPolicy| {
+            policy.start(&Start::new(scene, scene.scene().ego, policy.knows(), record.world))
+        };
+        let teacher = teacher.map(start).transpose()?;
         let motions = vec![*environment.world().motion()];
         let actions = record.actions.clone();
         let mut running = Self {
@@ -121,6 +132,8 @@ impl RunningEpisode {
             observation: [0.0; LENGTH],
             motions,
             touched_adversary: None,
+            teacher,
+            taught: None,
         };
         for action in actions {
             running.step(action)?;
@@ -139,10 +152,10 @@ impl RunningEpisode {
 
     /// One step with an action of the driver.
     ///
-    /// *Errors*: as [`Environment::step`].
+    /// *Errors*: as [`Environment::step`] and [`Driver::control`].
     pub(super) fn step(&mut self, action: [f32; 2]) -> Result<Outcome, Error> {
-        let [steer, throttle] = action.map(f64::from);
-        let steer = if self.record.is_mirrored { -steer } else { steer };
+        self.ask_teacher()?;
+        let [steer, throttle] = self.from_driver(action).map(f64::from);
         let mut outcome = self.environment.step(Action { steer, throttle })?;
         self.record.actions.push(action);
         let world = self.environment.world();
@@ -155,6 +168,31 @@ impl RunningEpisode {
         let is_cut = self.record.limit.is_some_and(|limit| world.step_count() >= limit);
         outcome.truncated |= is_cut && !outcome.terminated;
         Ok(outcome)
+    }
+
+    /// An action between the coordinates of the driver and those of the scene.
+    fn from_driver(&self, [steer, throttle]: [f32; 2]) -> [f32; 2] {
+        [if self.record.is_mirrored { -steer } else { steer }, throttle]
+    }
+
+    /// Learns what the teacher would do now.
+    fn ask_teacher(&mut self) -> Result<(), Error> {
+        let Some(teacher) = &mut self.teacher else { return Ok(()) };
+        let environment = &self.environment;
+        let view = View::of_ego(environment.world(), Knowledge::None, environment.observed());
+        let Control::Drive(action) = teacher.control(&view)? else {
+            return Err(view.error(
+                "the teacher sets poses; a teacher has to drive by steering and throttle".to_owned(),
+            ));
+        };
+        let action = action.limited();
+        self.taught = Some(self.from_driver([action.steer as f32, action.throttle as f32]));
+        Ok(())
+    }
+
+    /// Lets the teacher go.
+    pub(super) fn dismiss_teacher(&mut self) {
+        (self.teacher, self.taught) = (None, None);
     }
 
     /// Whether its limit cut it off, not the rules.

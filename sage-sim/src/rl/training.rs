@@ -24,6 +24,7 @@ use crate::{
     Error,
     environment::{Environment, EnvironmentOptions},
     observation::LENGTH,
+    policy::EgoPolicy,
     scene::SimScene,
     vehicle::Motion,
 };
@@ -45,6 +46,8 @@ pub struct Setting<'a> {
     pub curriculum: &'a dyn Curriculum,
     /// Which scene is next.
     pub sampler: &'a dyn SceneSampler,
+    /// Whose actions the learner imitates first ([`super::PpoOptions::taught`]).
+    pub teacher: Option<&'a dyn EgoPolicy>,
     /// Where the scenes of a second kind begin, and the share of the episodes that is in them.
     pub second_kind: Option<(usize, f64)>,
 }
@@ -161,7 +164,8 @@ impl<'a> Training<'a> {
         for (k, record) in std::mem::take(&mut self.state.episodes).into_iter().enumerate() {
             let Some(record) = record else { continue };
             let scene = record.scene;
-            let running = RunningEpisode::of(record, &self.setting, &self.rules, self.observe);
+            let running =
+                RunningEpisode::of(record, &self.setting, self.teacher(), &self.rules, self.observe);
             self.slots[k] = Some(running.map_err(|error| self.broken(scene, &error.to_string()))?);
         }
         Ok(())
@@ -242,11 +246,16 @@ impl<'a> Training<'a> {
         let draws_mirror = || Rng::new(self.options.seed, &number.to_string(), "mirror").unit() < mirror;
         let is_mirrored = mirror > 0.0 && draws_mirror();
         let record = EpisodeRecord { scene, number, world, is_mirrored, limit, attack, actions: Vec::new() };
-        let running = RunningEpisode::of(record, &self.setting, &self.rules, self.observe)?;
+        let running = RunningEpisode::of(record, &self.setting, self.teacher(), &self.rules, self.observe)?;
         if let Some(attack) = &running.record.attack {
             self.count_attack(scene, attack);
         }
         Ok(running)
+    }
+
+    /// The teacher, as long as the learner learns from one.
+    fn teacher(&self) -> Option<&'a dyn EgoPolicy> {
+        self.setting.teacher.filter(|_| self.state.learner.is_taught(self.state.counters.steps))
     }
 
     /// The attack that a search with the policy of this moment finds, if the attacker searches.
@@ -323,6 +332,9 @@ impl<'a> Training<'a> {
             let tensor = self.state.learner.not_finite().unwrap_or_else(|| "action".to_owned());
             return Err(self.not_a_number(slot, &format!("tensor `{tensor}`")));
         }
+        if self.teacher().is_none() {
+            slot.dismiss_teacher();
+        }
         let outcome =
             slot.step(action).map_err(|error| self.broken(slot.record.scene, &error.to_string()))?;
         slot.observe(self.observe);
@@ -343,6 +355,7 @@ impl<'a> Training<'a> {
             slot: k,
             steps: self.state.counters.steps,
             action,
+            taught: slot.taught,
             reward,
             next: &slot.observation,
             is_terminal: outcome.terminated,

@@ -26,6 +26,8 @@ pub enum Mistake {
     EntropySignTurned,
     SumForMean,
     CriticLossWithoutHalf,
+    ImitationBeforeTanh,
+    ExperienceNotReduced,
     JointNorm,
     DeviationsApart,
     NoNormCut,
@@ -37,7 +39,7 @@ pub enum Mistake {
 
 impl Mistake {
     /// Mistakes in the losses: their gradients differ.
-    pub const LOSSES: [Self; 15] = [
+    pub const LOSSES: [Self; 17] = [
         Self::MaxForMin,
         Self::NoClip,
         Self::ClipWithoutMin,
@@ -53,6 +55,8 @@ impl Mistake {
         Self::EntropySignTurned,
         Self::SumForMean,
         Self::CriticLossWithoutHalf,
+        Self::ImitationBeforeTanh,
+        Self::ExperienceNotReduced,
     ];
     /// Mistakes in what is done with the gradients.
     pub const STEPS: [Self; 7] = [
@@ -104,6 +108,8 @@ struct Wide {
     actions: Tensor,
     log_densities: Tensor,
     returns: Tensor,
+    /// Teacher's actions, and the weight of their imitation.
+    taught: (Tensor, f64),
     /// As they are.
     advantages: Vec<f64>,
 }
@@ -125,6 +131,7 @@ impl Wide {
             actions: matrix(&batch.actions)?,
             log_densities: column(&batch.log_densities)?,
             returns: column(&batch.returns)?,
+            taught: (matrix(&batch.taught.0)?, batch.taught.1),
             advantages: batch.advantages.clone(),
         })
     }
@@ -243,14 +250,21 @@ impl Reference {
         let gain = if self.is(Mistake::SumForMean) { gains.sum_all()? } else { gains.mean_all()? };
         let weight = if self.is(Mistake::EntropySignTurned) { -o.entropy } else { o.entropy };
         let entropy = vars[LOG_DEVIATIONS].sum_all()?.affine(weight, 0.0)?;
-        let actor = (gain + entropy)?.neg()?;
+        let (taught, share) = &batch.taught;
+        let outputs = forward(&vars, "actor", &batch.observations)?;
+        let imitated = if self.is(Mistake::ImitationBeforeTanh) { outputs } else { outputs.tanh()? };
+        let imitation = (imitated - taught)?.sqr()?.sum(1)?.mean_all()?;
+        let experience = if self.is(Mistake::ExperienceNotReduced) { 1.0 } else { 1.0 - share };
+        let actor = (imitation.affine(5.0 * share, 0.0)? - (gain + entropy)?.affine(experience, 0.0)?)?;
         let errors = (forward(&vars, "critic", &batch.observations)? - &batch.returns)?;
         let half = if self.is(Mistake::CriticLossWithoutHalf) { 1.0 } else { 0.5 };
         let critic = errors.sqr()?.mean_all()?.affine(half, 0.0)?;
         let (of_actor, of_critic) = (actor.backward()?, critic.backward()?);
         let of = vars.iter().map(|(name, var)| {
             let found = if name.starts_with("critic") { of_critic.get(var) } else { of_actor.get(var) };
-            Ok((name.clone(), found.expect("a gradient").flatten_all()?.to_vec1()?))
+            // candle leaves out what has the weight 0.
+            let none = || vec![0.0; var.elem_count()];
+            Ok((name.clone(), found.map_or_else(|| Ok(none()), |found| found.flatten_all()?.to_vec1())?))
         });
         Ok(Gradients { losses: [actor.to_scalar()?, critic.to_scalar()?], of: of.collect::<Result<_>>()? })
     }

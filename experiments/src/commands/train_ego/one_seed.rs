@@ -38,6 +38,7 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         examiner: shared.examiner.as_ref().map(|adversary| adversary as _),
         curriculum: &*curriculum,
         sampler: &*sampler,
+        teacher: shared.teacher.as_deref(),
         second_kind: shared.second_kind,
     };
     let total = options.steps();
@@ -118,6 +119,9 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCa
         "procedural_scenes": shared.second_kind.map(|(_, share)| json!({"scenes": args.procedural, "share": share})),
         "reward": options.reward.to_string(), "options": options,
     });
+    if let Some(teacher) = &args.teacher {
+        training["teacher"] = teacher.to_string().into();
+    }
     if let Some(drives) = args.search {
         training["search"] = drives.into();
     }

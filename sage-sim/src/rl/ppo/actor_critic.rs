@@ -4,7 +4,9 @@
 //! hyperbolic tangent cancels in the ratio of two probabilities of the same action, so only u counts. Losses, n rows:
 //!
 //! - actor: `−1/n Σ min(ρ A, clip(ρ, 1 ± c) A) − w Σ log σ`, ρ the ratio, A the advantage normalised in the minibatch;
-//! - critic: `1/(2n) Σ (V − R)²`.
+//! - critic: `1/(2n) Σ (V − R)²`;
+//! - imitation of a teacher's actions a: `5/n Σ (tanh(μ) − a)²`, μ the actor's outputs; with weight β the actor's loss is
+//!   β of it and 1 − β of the one above.
 //!
 //! The gradient of each is cut to a norm before Adam's step.
 
@@ -22,6 +24,9 @@ use super::{
     PpoOptions,
 };
 
+/// Weight of a squared difference from a teacher's action.
+const IMITATION: f64 = 5.0;
+
 /// Steps for an update; one row each.
 #[derive(Clone, Debug, Default)]
 pub struct Minibatch<T> {
@@ -35,6 +40,8 @@ pub struct Minibatch<T> {
     pub advantages: Vec<f64>,
     /// Returns that the critic is to predict.
     pub returns: Vec<f64>,
+    /// Teacher's actions, and the weight of their imitation, 0 to 1; without them 0.
+    pub taught: (Vec<T>, f64),
 }
 
 /// What a step shows.
@@ -221,6 +228,13 @@ impl<T: Real> ActorCritic<T> {
             }
         }
         self.deviation_gradient.iter_mut().zip(of_deviations).for_each(|(g, x)| *g = T::of(x));
+        let (taught, weight) = &batch.taught;
+        if *weight > 0.0 {
+            let scale = T::of(1.0 - weight);
+            self.deviation_gradient.iter_mut().for_each(|g| *g *= scale);
+            let imitated = imitation(&actor.at.output, taught, rows, *weight, &mut actor.output);
+            loss = (1.0 - weight) * loss + imitated;
+        }
         let Trained { network, at, hidden, output, gradient, .. } = actor;
         network.backward(&batch.observations, at, output, hidden, gradient);
         loss
@@ -248,6 +262,19 @@ impl<T: Real> ActorCritic<T> {
         );
         report
     }
+}
+
+/// Adds the weighted gradient of the imitation to the rest of another gradient. Returns the weighted loss.
+fn imitation<T: Real>(outputs: &[T], taught: &[T], rows: f64, weight: f64, gradient: &mut [T]) -> f64 {
+    let mut loss = 0.0;
+    for ((output, wanted), g) in outputs.iter().zip(taught).zip(gradient) {
+        let action = output.wide().tanh();
+        let error = action - wanted.wide();
+        let share = weight * IMITATION / rows;
+        loss += share * error * error;
+        *g = T::of((1.0 - weight) * g.wide() + 2.0 * share * error * (1.0 - action * action));
+    }
+    loss
 }
 
 /// Logarithm of the density of an action before the hyperbolic tangent.

@@ -40,6 +40,10 @@ pub struct PpoOptions {
     /// for longer.
     #[serde(skip_serializing_if = "is_zero")]
     pub kept: f64,
+    /// Share of the training in which a teacher's actions are imitated, if there is a teacher: the weight of the imitation
+    /// falls from 1 to 0 over it, and that of the policy's own experience rises.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub taught: f64,
 }
 
 impl Default for PpoOptions {
@@ -60,6 +64,7 @@ impl Default for PpoOptions {
             entropy: 0.0,
             deviation: 0.5,
             kept: 0.0,
+            taught: 0.0,
         }
     }
 }
@@ -100,7 +105,7 @@ impl PpoOptions {
                 "`minibatch` is 1; expected at least 2, since advantages are compared within it".to_owned()
             );
         }
-        let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda)];
+        let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda), ("taught", self.taught)];
         if let Some((name, value)) = shares.into_iter().find(|(_, x)| !(0.0..=1.0).contains(x)) {
             return Err(format!("`{name}` is {value}; expected a number from 0 to 1"));
         }

@@ -97,13 +97,14 @@ fn wrong_uses_are_refused_with_the_remedy() {
         stderr(&output).to_owned()
     };
     let scene = example();
-    let wrong: [&[&str]; 10] = [
+    let wrong: [&[&str]; 11] = [
         &["cta"],
         &["sage", "--curriculum", "papre"],
         &["sage", "--sampler", "some"],
         &["sage", "--curriculum", r#"constant{"lambda": 2}"#],
         &["none", "--ratio", "4"],
         &["none", "--steps", "4000"],
+        &["none", "--teacher", "expert"],
         &["none", "--reward", "0.1*smoth"],
         &["none", "--search", "4"],
         &["goose", "--search", "4"],
@@ -112,6 +113,25 @@ fn wrong_uses_are_refused_with_the_remedy() {
     assert_snapshot!("wrong_options_of_train_ego", messages(wrong.map(|more| (more.join(" "), error(more)))));
     let ppo = ["train-ego", "--learner", "ppo", "--updates", "5", "--out", text(&out)];
     assert_snapshot!(failure(&ppo), @"error: --updates is no option of `--learner ppo`; its length is given by --steps");
+    let teacher = |name: &str| {
+        failure(&[
+            "train-ego",
+            "--learner",
+            "ppo",
+            "--eval-method",
+            "none",
+            "--teacher",
+            name,
+            "--procedural",
+            "3",
+            "--out",
+            text(&out),
+        ])
+    };
+    assert_snapshot!(
+        "wrong_teachers",
+        messages(["exprt", "replay", "ppo"].map(|name| (name, redacted(&teacher(name)))))
+    );
     let configurations = [r#"{"updates": 5}"#, r#"{"max_step": 5}"#, r#"{"max_steps": 1}"#, "nowhere.yaml"];
     let config = |text_of: &str| failure(&["train-ego", "--config", text_of, "--out", text(&out)]);
     assert_snapshot!(

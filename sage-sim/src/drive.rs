@@ -51,12 +51,36 @@ pub struct Simulation {
 }
 
 /// A driver and what it may know.
-struct InformedDriver {
+pub(crate) struct InformedDriver {
     driver: Box<dyn Driver>,
     knowledge: Knowledge,
 }
 
 impl InformedDriver {
+    /// The driver of a track.
+    ///
+    /// *Errors*: as [`EgoPolicy::start`].
+    pub(crate) fn start(
+        policy: &dyn EgoPolicy,
+        scene: &SimScene,
+        track: usize,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        let knowledge = policy.knows();
+        Ok(Self { driver: policy.start(&Start::new(scene, track, knowledge, seed))?, knowledge })
+    }
+
+    /// The control of the ego in a world.
+    ///
+    /// *Errors*: as [`Driver::control`].
+    pub(crate) fn control_ego(
+        &mut self,
+        world: &World,
+        observed: Option<Observed>,
+    ) -> Result<Control, Error> {
+        self.driver.control(&View::of_ego(world, self.knowledge, observed))
+    }
+
     fn try_clone(&self) -> Result<Self, Error> {
         Ok(Self { driver: self.driver.boxed_clone()?, knowledge: self.knowledge })
     }
@@ -76,7 +100,7 @@ impl Simulation {
         let reacting = plan.as_deref().and_then(|plan| Reacting::of(plan, scene.scene()));
         let world = World::new(scene.clone(), options.clone(), plan, seed)?;
         let track = scene.scene().ego;
-        let ego = InformedDriver { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
+        let ego = InformedDriver::start(policy, scene, track, seed)?;
         let observation = policy.observes();
         let driving =
             Driving::start(observation, observation.route(scene), Localization::Nearest, world.motion());
@@ -92,8 +116,7 @@ impl Simulation {
         self.world.drive_adversary()?;
         let log = &scene.scene().tracks[track];
         let routes = [guide(log, scene.index()), Route::of_track(log, 0, false)];
-        let driver =
-            InformedDriver { driver: started(policy, &scene, track, seed)?, knowledge: policy.knows() };
+        let driver = InformedDriver::start(policy, &scene, track, seed)?;
         self.adversary = Some((driver, routes));
         self.reacting = None;
         Ok(self)
@@ -151,7 +174,7 @@ impl Simulation {
         let world = &self.world;
         let observed = Observed { driving: &self.driving, kind: self.observation };
         let scene = world.scene();
-        let control = self.ego.driver.control(&View::of_ego(world, self.ego.knowledge, observed))?;
+        let control = self.ego.control_ego(world, Some(observed))?;
         self.shown = self.ego.driver.shown();
         if let (Some((driver, [route, log])), Some((motion, body))) =
             (&mut self.adversary, world.adversary_motion())
@@ -181,15 +204,6 @@ impl Simulation {
         self.driving.advance(action, route, Localization::Nearest, motion);
         Ok(())
     }
-}
-
-fn started(
-    policy: &dyn EgoPolicy,
-    scene: &SimScene,
-    track: usize,
-    seed: u64,
-) -> Result<Box<dyn Driver>, Error> {
-    policy.start(&Start::new(scene, track, policy.knows(), seed))
 }
 
 /// The record of a drive.

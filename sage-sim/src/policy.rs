@@ -285,8 +285,8 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The view of the driver of the ego.
-    pub fn of_ego(world: &'a World, knowledge: Knowledge, observed: Observed<'a>) -> Self {
+    /// The view of the driver of the ego. `observed` is what its observation is of, if there is one.
+    pub fn of_ego(world: &'a World, knowledge: Knowledge, observed: Option<Observed<'a>>) -> Self {
         let scene = world.scene();
         let vehicle = ControlledVehicle {
             track: scene.scene().ego,
@@ -296,7 +296,7 @@ impl<'a> View<'a> {
             ground: world.level(),
             others: world.bodies(),
         };
-        Self::new(world, vehicle, knowledge, Some(observed))
+        Self::new(world, vehicle, knowledge, observed)
     }
 
     /// Number of steps driven; equals the frame of what is seen.

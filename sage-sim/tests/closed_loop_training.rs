@@ -144,6 +144,7 @@ fn small_ppo() -> TrainingOptions {
         horizon: 10,
         minibatch: 30,
         kept: 0.3,
+        taught: 0.0,
         ..PpoOptions::default()
     };
     TrainingOptions {

@@ -88,7 +88,8 @@ pub(crate) struct TrainEgoArgs {
     /// (default: published; recipe driver: rewards for care).
     #[arg(long, help_heading = TRAINING, value_name = "[WEIGHT*]NAME,…")]
     pub reward: Option<RewardSpec>,
-    /// PPO: policy whose actions are imitated first, by its name in `sage list`; `taught` in --config says for how long.
+    /// PPO: scripted policy whose actions are imitated first, by its name in `sage list`, or none (default: none; recipe
+    /// driver: expert).
     #[arg(long, help_heading = TRAINING, value_name = "NAME")]
     pub teacher: Option<Part>,
     /// Arrival and leaving the road do not end an episode; the route goes on along the lanes (default: false; recipe driver:

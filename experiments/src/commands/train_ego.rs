@@ -73,10 +73,11 @@ struct Shared<'a> {
 
 pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let Chosen { options, egos, procedural_share } = Chosen::of(args, &registries.driving_rewards)?;
+    let Chosen { options, egos, procedural_share, teacher } = Chosen::of(args, &registries.driving_rewards)?;
     args.curriculum.build(&registries.curricula)?;
     args.sampler.build(&registries.scene_samplers)?;
-    let teacher = args.teacher.as_ref().map(|teacher| teacher.build(&registries.policies)).transpose()?;
+    let taught_by = teacher.as_ref().map(Part::to_string);
+    let teacher = teacher.map(|teacher| teacher.build(&registries.policies)).transpose()?;
     let selection = Selection::of(registries, &args.selection, None)?;
     let mut generators = Generators::new(registries, &args.merging.merger, &selection, 0)?;
     let parts = [&args.method, &args.eval_method].map(|part| Some(part).filter(|p| p.name != NONE));
@@ -131,7 +132,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let identity = json!({
         "command": "train-ego", "options": options, "generator": args.method.to_string(), "search": args.search,
         "evaluation_generator": args.eval_method.to_string(), "curriculum": args.curriculum.to_string(),
-        "sampler": args.sampler.to_string(), "teacher": args.teacher.as_ref().map(Part::to_string), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
+        "sampler": args.sampler.to_string(), "teacher": taught_by, "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
         "weights": used,
         "scenes": hashes[0], "egos": egos.name(), "procedural_share": procedural_share,
         "reward": options.reward.to_string(), "evaluation_scenes": hashes[1], "checkpoint_every": checkpoint_every,

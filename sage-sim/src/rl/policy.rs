@@ -83,7 +83,10 @@ impl Driver for ActorDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
         let Some(observation) = view.observation() else {
             return Err(
-                view.error("a learnt policy drives the ego only; name another for the adversary".to_owned())
+                view.error(
+                    "a learnt policy drives the ego only, and teaches only with its own observation; name another one"
+                        .to_owned(),
+                )
             );
         };
         let mut output = [0.0; 2];

@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::{Attacker, SHORTEST_DRIVE, Setting};
 use crate::{
     Error,
-    drive::Drive,
+    drive::{Drive, InformedDriver},
     environment::{Environment, EnvironmentOptions, Outcome},
     observation::{LENGTH, mirrored},
-    policy::{Driver, EgoPolicy, Knowledge, Start, View},
+    policy::EgoPolicy,
     scene::SimScene,
     traffic::Plan,
     vehicle::{Action, Motion},
@@ -87,6 +87,13 @@ impl EpisodeRecord {
 /// What observes an environment.
 pub(super) type Observe = fn(&Environment, &mut [f32; LENGTH]);
 
+/// A policy whose actions are imitated.
+struct Teacher {
+    driver: InformedDriver,
+    /// Whether the observation of the learner is that of the teacher too.
+    sees: bool,
+}
+
 /// An episode in progress.
 pub(super) struct RunningEpisode {
     pub(super) record: EpisodeRecord,
@@ -97,7 +104,7 @@ pub(super) struct RunningEpisode {
     /// Step of the first contact with the adversary.
     pub(super) touched_adversary: Option<usize>,
     /// The teacher in this episode.
-    teacher: Option<Box<dyn Driver>>,
+    teacher: Option<Teacher>,
     /// What the teacher would have done in the last step, in the coordinates of the driver.
     pub(super) taught: Option<[f32; 2]>,
 }
@@ -119,8 +126,9 @@ impl RunningEpisode {
             plan = Some(attack.plan(scene, attacker)?);
         }
         let environment = Environment::reset(scene.clone(), rules.clone(), plan.clone(), record.world)?;
-        let start = |policy: &dyn EgoPolicy| {
-            policy.start(&Start::new(scene, scene.scene().ego, policy.knows(), record.world))
+        let start = |policy: &dyn EgoPolicy| -> Result<Teacher, Error> {
+            let driver = InformedDriver::start(policy, scene, scene.scene().ego, record.world)?;
+            Ok(Teacher { driver, sees: policy.observes() == rules.observation })
         };
         let teacher = teacher.map(start).transpose()?;
         let motions = vec![*environment.world().motion()];
@@ -152,7 +160,7 @@ impl RunningEpisode {
 
     /// One step with an action of the driver.
     ///
-    /// *Errors*: as [`Environment::step`] and [`Driver::control`].
+    /// *Errors*: as [`Environment::step`]; the teacher cannot go on.
     pub(super) fn step(&mut self, action: [f32; 2]) -> Result<Outcome, Error> {
         self.ask_teacher()?;
         let [steer, throttle] = self.from_driver(action).map(f64::from);
@@ -177,13 +185,12 @@ impl RunningEpisode {
 
     /// Learns what the teacher would do now.
     fn ask_teacher(&mut self) -> Result<(), Error> {
-        let Some(teacher) = &mut self.teacher else { return Ok(()) };
-        let environment = &self.environment;
-        let view = View::of_ego(environment.world(), Knowledge::None, environment.observed());
-        let Control::Drive(action) = teacher.control(&view)? else {
-            return Err(view.error(
-                "the teacher sets poses; a teacher has to drive by steering and throttle".to_owned(),
-            ));
+        let Some(Teacher { driver, sees }) = &mut self.teacher else { return Ok(()) };
+        let world = self.environment.world();
+        let observed = sees.then(|| self.environment.observed());
+        let Control::Drive(action) = driver.control_ego(world, observed)? else {
+            let problem = "the teacher sets poses; name one that steers and accelerates".to_owned();
+            return Err(Error::Policy { scene: world.scene().scene().id.clone(), problem });
         };
         let action = action.limited();
         self.taught = Some(self.from_driver([action.steer as f32, action.throttle as f32]));

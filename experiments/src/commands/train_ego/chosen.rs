@@ -9,7 +9,11 @@ use sage_sim::{
 };
 use serde_json::{Map, Value, json};
 
-use crate::cli::{EgosName, RecipeName, RewardSpec, TrainEgoArgs};
+use super::NONE;
+use crate::{
+    cli::{EgosName, RecipeName, RewardSpec, TrainEgoArgs},
+    part::Part,
+};
 
 /// Options of a run that are options of the command, not of its configuration.
 const OWN_OPTIONS: [(&str, &str); 8] = [
@@ -36,6 +40,8 @@ struct Recipe {
     goes_on: bool,
     /// With PATH.
     procedural_share: Option<f64>,
+    /// With PPO.
+    teacher: Option<&'static str>,
     ppo: Value,
 }
 
@@ -49,6 +55,7 @@ impl Recipe {
                 mirrored: 0.0,
                 goes_on: false,
                 procedural_share: None,
+                teacher: None,
                 ppo: json!({}),
             },
             RecipeName::Driver => Self {
@@ -58,6 +65,7 @@ impl Recipe {
                 mirrored: 0.5,
                 goes_on: true,
                 procedural_share: Some(0.2),
+                teacher: Some("expert"),
                 ppo: json!({"entropy": 0.003, "kept": 0.6, "gamma": 0.98, "environments": 512, "minibatch": 4096}),
             },
         }
@@ -72,6 +80,8 @@ pub(super) struct Chosen {
     pub(super) egos: EgosName,
     /// Share of the episodes in procedural scenes beside others.
     pub(super) procedural_share: Option<f64>,
+    /// Policy whose actions are imitated first.
+    pub(super) teacher: Option<Part>,
 }
 
 impl Chosen {
@@ -102,11 +112,14 @@ impl Chosen {
             ..configured(args, algorithm, &recipe.ppo)?
         };
         options.check().map_err(|problem| anyhow!(problem))?;
+        let of_recipe = recipe.teacher.filter(|_| algorithm == Algorithm::Ppo).map(str::parse).transpose();
+        let teacher = args.teacher.clone().or(of_recipe.map_err(|problem| anyhow!("the recipe: {problem}"))?);
         let share = args.procedural_share.or(recipe.procedural_share);
         Ok(Self {
             options,
             egos: args.egos.unwrap_or(recipe.egos),
             procedural_share: share.filter(|_| !args.paths.is_empty()),
+            teacher: teacher.filter(|teacher| teacher.name != NONE),
         })
     }
 }
@@ -145,16 +158,17 @@ fn configured(args: &TrainEgoArgs, algorithm: Algorithm, of_recipe: &Value) -> R
 }
 
 fn refuse_options_of_other(args: &TrainEgoArgs, algorithm: Algorithm) -> Result<()> {
-    let (name, other, of_other) = match algorithm {
+    let (name, length, of_other) = match algorithm {
         Algorithm::Td3 => ("td3", "--updates and --ratio", vec![("--steps", args.steps.is_some())]),
         Algorithm::Ppo => {
             ("ppo", "--steps", vec![("--updates", args.updates.is_some()), ("--ratio", args.ratio.is_some())])
         }
     };
-    match of_other.into_iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => {
-            bail!("{option} is no option of `--learner {name}`; its length is given by {other}")
-        }
-        None => Ok(()),
+    if let Some((option, _)) = of_other.into_iter().find(|(_, is_given)| *is_given) {
+        bail!("{option} is no option of `--learner {name}`; its length is given by {length}");
     }
+    if algorithm == Algorithm::Td3 && args.teacher.is_some() {
+        bail!("--teacher is no option of `--learner td3`; only `--learner ppo` learns from a teacher");
+    }
+    Ok(())
 }

@@ -119,8 +119,8 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCa
         "procedural_scenes": shared.second_kind.map(|(_, share)| json!({"scenes": args.procedural, "share": share})),
         "reward": options.reward.to_string(), "options": options,
     });
-    if let Some(teacher) = &args.teacher {
-        training["teacher"] = teacher.to_string().into();
+    if let Some(teacher) = shared.identity["teacher"].as_str() {
+        training["teacher"] = teacher.into();
     }
     if let Some(drives) = args.search {
         training["search"] = drives.into();

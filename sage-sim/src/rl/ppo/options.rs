@@ -42,8 +42,12 @@ pub struct PpoOptions {
     pub kept: f64,
     /// Share of the training in which a teacher's actions are imitated, if there is a teacher: the weight of the imitation
     /// falls from 1 to 0 over it, and that of the policy's own experience rises.
-    #[serde(skip_serializing_if = "is_zero")]
+    #[serde(skip_serializing_if = "is_one")]
     pub taught: f64,
+}
+
+fn is_one(x: &f64) -> bool {
+    *x == 1.0
 }
 
 impl Default for PpoOptions {
@@ -64,7 +68,7 @@ impl Default for PpoOptions {
             entropy: 0.0,
             deviation: 0.5,
             kept: 0.0,
-            taught: 0.0,
+            taught: 1.0,
         }
     }
 }

@@ -125,7 +125,7 @@ fn wrong_uses_are_refused_with_the_remedy() {
             "--procedural",
             "3",
             "--out",
-            text(&out),
+            text(&folder.path().join(name)),
         ])
     };
     assert_snapshot!(
@@ -165,6 +165,8 @@ fn a_policy_by_the_recipe_for_drivers_drives_everywhere() {
         "all",
         "--mirrored",
         "0.5",
+        "--teacher",
+        "expert",
         "--procedural-share",
         "0.2",
         "--reward",

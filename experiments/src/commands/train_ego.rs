@@ -78,6 +78,11 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     args.sampler.build(&registries.scene_samplers)?;
     let taught_by = teacher.as_ref().map(Part::to_string);
     let teacher = teacher.map(|teacher| teacher.build(&registries.policies)).transpose()?;
+    if teacher.as_ref().is_some_and(|teacher| teacher.is_recording()) {
+        bail!(
+            "--teacher: a recording shows no steering and throttle to imitate; name a policy that drives, such as expert"
+        );
+    }
     let selection = Selection::of(registries, &args.selection, None)?;
     let mut generators = Generators::new(registries, &args.merging.merger, &selection, 0)?;
     let parts = [&args.method, &args.eval_method].map(|part| Some(part).filter(|p| p.name != NONE));

@@ -51,9 +51,13 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         let until = training.state().counters().steps + shared.checkpoint_every;
         let before = training.state().evaluations().len();
         training.advance(until.min(total), |done| clock.step(done > random)).map_err(|stop| {
+            let checkpoint = path.join(CHECKPOINT);
+            if !checkpoint.exists() {
+                return anyhow!("{stop}");
+            }
             anyhow!(
                 "{stop}; the last good checkpoint is `{}`: the same command goes on from it, other options need another --out",
-                path.join(CHECKPOINT).display()
+                checkpoint.display()
             )
         })?;
         let state = training.state();

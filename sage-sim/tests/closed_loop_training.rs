@@ -156,6 +156,46 @@ fn small_ppo() -> TrainingOptions {
     }
 }
 
+/// Mean completion after a short training, for a share of it with a teacher.
+fn completion_taught(taught: f64) -> f64 {
+    let (training, evaluation) = (scenes(12, 0), scenes(6, 1));
+    let (curricula, samplers) = (curricula().expect("names differ"), scene_samplers().expect("names differ"));
+    let curriculum = curricula.build_default("constant").expect("registered");
+    let sampler = samplers.build_default("uniform").expect("registered");
+    let expert = policies().expect("names differ").build_default("expert").expect("registered");
+    let setting = Setting {
+        scenes: &training,
+        evaluation: &evaluation,
+        attacker: None,
+        examiner: None,
+        curriculum: &*curriculum,
+        sampler: &*sampler,
+        teacher: Some(&*expert),
+        second_kind: None,
+    };
+    let ppo = PpoOptions { environments: 16, minibatch: 128, kept: 0.6, taught, ..PpoOptions::default() };
+    let options = TrainingOptions {
+        ppo,
+        ppo_steps: 20_000,
+        goes_on: true,
+        mirrored: 0.5,
+        evaluations: 1,
+        ..small_ppo()
+    };
+    let state = TrainingState::new(&options, training.len()).expect("valid options");
+    let mut run = Training::new(options, setting, state);
+    run.advance(u64::MAX, |_| ()).expect("nothing breaks");
+    let rows = &run.state().evaluations()[0].unchanged;
+    rows.iter().map(|row| row.completion).sum::<f64>() / rows.len() as f64
+}
+
+#[test]
+fn who_is_taught_drives_sooner() {
+    let [alone, taught] = [0.0, 1.0].map(completion_taught);
+    println!("completion {alone:.2} alone, {taught:.2} taught");
+    assert!(taught > 0.9 && taught > alone, "{alone} alone, {taught} taught");
+}
+
 /// What a test breaks.
 #[derive(Clone, Copy, PartialEq)]
 enum Broken {

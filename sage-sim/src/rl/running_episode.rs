@@ -103,6 +103,8 @@ pub(super) struct RunningEpisode {
     pub(super) motions: Vec<Motion>,
     /// Step of the first contact with the adversary.
     pub(super) touched_adversary: Option<usize>,
+    /// Whether the car has left the road.
+    pub(super) left_road: bool,
     /// The teacher in this episode.
     teacher: Option<Teacher>,
     /// What the teacher would have done in the last step, in the coordinates of the driver.
@@ -140,6 +142,7 @@ impl RunningEpisode {
             observation: [0.0; LENGTH],
             motions,
             touched_adversary: None,
+            left_road: false,
             teacher,
             taught: None,
         };
@@ -166,6 +169,7 @@ impl RunningEpisode {
         let [steer, throttle] = self.from_driver(action).map(f64::from);
         let mut outcome = self.environment.step(Action { steer, throttle })?;
         self.record.actions.push(action);
+        self.left_road |= outcome.out_of_road;
         let world = self.environment.world();
         self.motions.push(*world.motion());
         let adversary = self.plan.as_ref().map(|plan| plan.track);

@@ -349,7 +349,9 @@ impl<'a> Training<'a> {
         let is_over = slot.is_over();
         // What was cut off only so that episodes do not end together shows neither success nor failure.
         if is_over && !slot.is_cut_off() {
-            self.count_success(slot, outcome.completion);
+            // Where leaving the road ends no episode, the route may be completed beside it.
+            let is_beside = self.options.goes_on && slot.left_road;
+            self.count_success(slot, if is_beside { 0.0 } else { outcome.completion });
         }
         let step = DrivenStep {
             slot: k,

@@ -166,7 +166,7 @@ impl RunningEpisode {
     /// *Errors*: as [`Environment::step`]; the teacher cannot go on.
     pub(super) fn step(&mut self, action: [f32; 2]) -> Result<Outcome, Error> {
         self.ask_teacher()?;
-        let [steer, throttle] = self.from_driver(action).map(f64::from);
+        let [steer, throttle] = self.turned(action).map(f64::from);
         let mut outcome = self.environment.step(Action { steer, throttle })?;
         self.record.actions.push(action);
         self.left_road |= outcome.out_of_road;
@@ -182,8 +182,8 @@ impl RunningEpisode {
         Ok(outcome)
     }
 
-    /// An action between the coordinates of the driver and those of the scene.
-    fn from_driver(&self, [steer, throttle]: [f32; 2]) -> [f32; 2] {
+    /// An action of the driver in the coordinates of the scene, or the other way round.
+    fn turned(&self, [steer, throttle]: [f32; 2]) -> [f32; 2] {
         [if self.record.is_mirrored { -steer } else { steer }, throttle]
     }
 
@@ -197,7 +197,7 @@ impl RunningEpisode {
             return Err(Error::Policy { scene: world.scene().scene().id.clone(), problem });
         };
         let action = action.limited();
-        self.taught = Some(self.from_driver([action.steer as f32, action.throttle as f32]));
+        self.taught = Some(self.turned([action.steer as f32, action.throttle as f32]));
         Ok(())
     }
 

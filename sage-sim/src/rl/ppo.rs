@@ -3,6 +3,9 @@
 //! Every environment drives a horizon of steps before the next one has its turn, so a batch is a row of short stretches.
 //! Observations are normalised by their running mean and deviation, which are folded into the first layer of the
 //! policy that drives and is written; rewards are divided by the running deviation of the discounted return.
+//!
+//! With a teacher it imitates first and learns from experience later, as in kickstarting (Schmitt et al. 2018, arXiv
+//! 1803.03835), with squared differences of actions in place of a divergence, for the teacher is no distribution.
 
 mod actor_critic;
 mod advantage;

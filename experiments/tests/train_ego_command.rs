@@ -130,7 +130,7 @@ fn wrong_uses_are_refused_with_the_remedy() {
     };
     assert_snapshot!(
         "wrong_teachers",
-        messages(["exprt", "replay", "ppo"].map(|name| (name, redacted(&teacher(name)))))
+        messages(["exprt", "replay", "ppo", "cmd:planner"].map(|name| (name, redacted(&teacher(name)))))
     );
     let configurations = [r#"{"updates": 5}"#, r#"{"max_step": 5}"#, r#"{"max_steps": 1}"#, "nowhere.yaml"];
     let config = |text_of: &str| failure(&["train-ego", "--config", text_of, "--out", text(&out)]);

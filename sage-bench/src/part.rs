@@ -83,6 +83,11 @@ impl PolicyPart {
         part.options.get("file").and_then(Value::as_str).filter(|_| FROM_FILES.contains(&&*part.name))
     }
 
+    /// Whether a file describes it, or one that is in the program: a `path` or a learnt policy.
+    pub fn is_of_file(&self) -> bool {
+        FROM_FILES.contains(&&*self.0.name)
+    }
+
     /// Program and arguments of a planner that is a program.
     pub fn command(&self) -> Option<Vec<String>> {
         let Self(part) = self;

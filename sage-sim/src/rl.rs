@@ -46,7 +46,7 @@ pub use named_tensors::NamedTensor;
 pub use network::{Network, Shape, SingleRow};
 pub use policy::ActorPolicy;
 pub use policy_file::{PolicyCard, parse_policy, read_policy, write_policy};
-pub use ppo::{ActorCritic, After, Minibatch, Ppo, PpoOptions, Running, StepReport, advantages};
+pub use ppo::{ActorCritic, After, Minibatch, Ppo, PpoOptions, Running, StepReport, Taught, advantages};
 pub use scene_sampler::{SceneRecord, SceneSampler};
 pub(crate) use success::success;
 pub use td3::{BUFFER, ReplayBuffer, Td3, Td3Learner, Td3Options, Transition, TransitionBatch, UpdateReport};

@@ -156,7 +156,7 @@ fn train(task: &Task, batches: usize, seed: u64) -> f64 {
                     log_densities: of(&batch.log_densities),
                     advantages: of(&advantages),
                     returns: rows.iter().map(|row| advantages[*row] + values[*row]).collect(),
-                    taught: (Vec::new(), 0.0),
+                    taught: Default::default(),
                 };
                 policy.networks.step(&minibatch, rate);
             }

@@ -4,7 +4,7 @@ mod ppo;
 
 use ppo::reference::{Mistake, Reference, groups};
 use sage_core::seed::Rng;
-use sage_sim::rl::{ActorCritic, After, Minibatch, PpoOptions, Real, SingleRow, advantages};
+use sage_sim::rl::{ActorCritic, After, Minibatch, PpoOptions, Real, SingleRow, Taught, advantages};
 
 /// Sizes of observation and action.
 const SIZES: [usize; 2] = [7, 2];
@@ -68,7 +68,10 @@ fn random_batch<T: Real>(
         log_densities: vec![0.0; rows],
         advantages: (0..rows).map(|_| 0.7 + 2.0 * rng.normal()).collect(),
         returns: (0..rows).map(|_| rng.normal()).collect(),
-        taught: ((0..rows * SIZES[1]).map(|_| rounded(rng.uniform(-1.0, 1.0))).collect(), taught),
+        taught: Taught {
+            actions: (0..rows * SIZES[1]).map(|_| rounded(rng.uniform(-1.0, 1.0))).collect(),
+            weight: taught,
+        },
     };
     let now = Reference::of(learner, None).log_densities(&batch).expect("candle");
     batch.log_densities = now.into_iter().map(|log| log + rng.uniform(-0.6, 0.6)).collect();

@@ -11,7 +11,7 @@ use super::{
     attacking::MergerArgs,
     help::{ATTACK, OUTPUT, RUN, SCENE, SELECTION, TRAINING},
 };
-use crate::part::{Part, split};
+use crate::part::{Part, PolicyPart, split};
 
 /// Train a driving policy, alone or against an adversary (SAGE, algorithm 2).
 ///
@@ -91,7 +91,7 @@ pub(crate) struct TrainEgoArgs {
     /// PPO: scripted policy whose actions are imitated first, by its name in `sage list`, or none (default: none; recipe
     /// driver: expert).
     #[arg(long, help_heading = TRAINING, value_name = "NAME")]
-    pub teacher: Option<Part>,
+    pub teacher: Option<PolicyPart>,
     /// Arrival and leaving the road do not end an episode; the route goes on along the lanes (default: false; recipe driver:
     /// true).
     #[arg(long, help_heading = TRAINING, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
@@ -131,7 +131,7 @@ pub(crate) struct TrainEgoArgs {
 pub(crate) enum RecipeName {
     /// TD3, the published rules and reward, the recorded egos.
     Published,
-    /// PPO, episodes that go on, rewards for care, all vehicles and mirror images.
+    /// PPO that first imitates `expert`, episodes that go on, rewards for care, all vehicles and mirror images.
     Driver,
 }
 

@@ -76,8 +76,8 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let Chosen { options, egos, procedural_share, teacher } = Chosen::of(args, &registries.driving_rewards)?;
     args.curriculum.build(&registries.curricula)?;
     args.sampler.build(&registries.scene_samplers)?;
-    let taught_by = teacher.as_ref().map(Part::to_string);
-    let teacher = teacher.map(|teacher| teacher.build(&registries.policies)).transpose()?;
+    let taught_by = teacher.as_ref().map(|teacher| teacher.0.to_string());
+    let teacher = teacher.map(|teacher| teacher.0.build(&registries.policies)).transpose()?;
     if teacher.as_ref().is_some_and(|teacher| teacher.is_recording()) {
         bail!(
             "--teacher: a recording shows no steering and throttle to imitate; name a policy that drives, such as expert"

@@ -82,12 +82,10 @@ pub(super) fn aims_of(action: [f32; 2], observation: &[f32; LENGTH], kept: f32) 
 impl Driver for ActorDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
         let Some(observation) = view.observation() else {
-            return Err(
-                view.error(
-                    "a learnt policy drives the ego only, and teaches only with its own observation; name another one"
-                        .to_owned(),
-                )
-            );
+            return Err(view.error(
+                "a learnt policy drives the ego only; name another for the adversary, or as a teacher"
+                    .to_owned(),
+            ));
         };
         let mut output = [0.0; 2];
         self.network.forward_one(observation, &mut self.memory, &mut output);

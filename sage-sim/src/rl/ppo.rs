@@ -19,7 +19,7 @@ use sage_core::seed::Rng;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-pub use actor_critic::{ActorCritic, Minibatch, StepReport};
+pub use actor_critic::{ActorCritic, Minibatch, StepReport, Taught};
 pub use advantage::{After, advantages};
 pub use normalisation::Running;
 pub use options::PpoOptions;
@@ -126,6 +126,11 @@ impl Ppo {
         self.networks.steps() / (options.epochs * options.batch() / options.minibatch) as u64
     }
 
+    /// Share of the training that a number of batches is.
+    fn share(&self, done: u64) -> f64 {
+        done as f64 / self.batches.max(1) as f64
+    }
+
     /// Learns from a full batch and forgets it.
     fn update(&mut self) -> Result<(), String> {
         let options = self.networks.options().clone();
@@ -143,10 +148,11 @@ impl Ppo {
         self.networks.values(&cuts, &mut self.values_at, &mut cut_values);
         let discounts = [options.gamma, options.gae_lambda];
         let advantages = advantages(&rewards, &values, &batch.after, &cut_values, discounts);
-        let share = done as f64 / self.batches.max(1) as f64;
+        let share = self.share(done);
         let rate = options.rate * (1.0 - share);
         let has_teacher = batch.taught.len() == batch.actions.len();
-        self.minibatch.taught.1 = if has_teacher { imitation_weight(share, options.taught) } else { 0.0 };
+        self.minibatch.taught.weight =
+            if has_teacher { imitation_weight(share, options.taught) } else { 0.0 };
         let mut order: Vec<usize> = (0..rewards.len()).collect();
         for epoch in 0..options.epochs {
             Rng::new(self.seed, &format!("{done} {epoch}"), "minibatches").shuffle(&mut order);
@@ -154,11 +160,11 @@ impl Ppo {
                 let to = &mut self.minibatch;
                 to.observations.clear();
                 to.actions.clear();
-                to.taught.0.clear();
+                to.taught.actions.clear();
                 for row in rows {
                     to.observations.extend_from_slice(&normalised[row * LENGTH..][..LENGTH]);
                     to.actions.extend_from_slice(&batch.actions[row * 2..][..2]);
-                    to.taught.0.extend(batch.taught.get(row * 2..row * 2 + 2).into_iter().flatten());
+                    to.taught.actions.extend(batch.taught.get(row * 2..row * 2 + 2).into_iter().flatten());
                 }
                 let picked = |all: &[f64], to: &mut Vec<f64>| {
                     to.clear();
@@ -211,8 +217,10 @@ impl Learner for Ppo {
     }
 
     fn is_taught(&self, steps: u64) -> bool {
-        let total = self.batches * self.networks.options().batch() as u64;
-        imitation_weight(steps as f64 / total.max(1) as f64, self.networks.options().taught) > 0.0
+        let options = self.networks.options();
+        // The steps of a batch are all taught, or none is.
+        let done = steps / options.batch() as u64;
+        imitation_weight(self.share(done), options.taught) > 0.0
     }
 
     fn begin(&mut self, slot: usize, _: &[f32; LENGTH]) {

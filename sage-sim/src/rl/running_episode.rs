@@ -87,13 +87,6 @@ impl EpisodeRecord {
 /// What observes an environment.
 pub(super) type Observe = fn(&Environment, &mut [f32; LENGTH]);
 
-/// A policy whose actions are imitated.
-struct Teacher {
-    driver: InformedDriver,
-    /// Whether the observation of the learner is that of the teacher too.
-    sees: bool,
-}
-
 /// An episode in progress.
 pub(super) struct RunningEpisode {
     pub(super) record: EpisodeRecord,
@@ -106,7 +99,7 @@ pub(super) struct RunningEpisode {
     /// Whether the car has left the road.
     pub(super) left_road: bool,
     /// The teacher in this episode.
-    teacher: Option<Teacher>,
+    teacher: Option<InformedDriver>,
     /// What the teacher would have done in the last step, in the coordinates of the driver.
     pub(super) taught: Option<[f32; 2]>,
 }
@@ -128,10 +121,8 @@ impl RunningEpisode {
             plan = Some(attack.plan(scene, attacker)?);
         }
         let environment = Environment::reset(scene.clone(), rules.clone(), plan.clone(), record.world)?;
-        let start = |policy: &dyn EgoPolicy| -> Result<Teacher, Error> {
-            let driver = InformedDriver::start(policy, scene, scene.scene().ego, record.world)?;
-            Ok(Teacher { driver, sees: policy.observes() == rules.observation })
-        };
+        let start =
+            |policy: &dyn EgoPolicy| InformedDriver::start(policy, scene, scene.scene().ego, record.world);
         let teacher = teacher.map(start).transpose()?;
         let motions = vec![*environment.world().motion()];
         let actions = record.actions.clone();
@@ -189,14 +180,22 @@ impl RunningEpisode {
 
     /// Learns what the teacher would do now.
     fn ask_teacher(&mut self) -> Result<(), Error> {
-        let Some(Teacher { driver, sees }) = &mut self.teacher else { return Ok(()) };
+        let Some(teacher) = &mut self.teacher else { return Ok(()) };
         let world = self.environment.world();
-        let observed = sees.then(|| self.environment.observed());
-        let Control::Drive(action) = driver.control_ego(world, observed)? else {
-            let problem = "the teacher sets poses; name one that steers and accelerates".to_owned();
-            return Err(Error::Policy { scene: world.scene().scene().id.clone(), problem });
+        // A teacher decides by the scene: the observation is that of the learner.
+        let action = match teacher.control_ego(world, None)? {
+            Control::Drive(action) if action.steer.is_finite() && action.throttle.is_finite() => {
+                action.limited()
+            }
+            control => {
+                let problem = match control {
+                    Control::Pose { .. } => "the teacher sets poses; name one that steers and accelerates",
+                    Control::Drive(_) => "the action of the teacher is not a number",
+                };
+                let scene = world.scene().scene().id.clone();
+                return Err(Error::Policy { scene, problem: problem.to_owned() });
+            }
         };
-        let action = action.limited();
         self.taught = Some(self.turned([action.steer as f32, action.throttle as f32]));
         Ok(())
     }

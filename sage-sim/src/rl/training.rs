@@ -46,7 +46,7 @@ pub struct Setting<'a> {
     pub curriculum: &'a dyn Curriculum,
     /// Which scene is next.
     pub sampler: &'a dyn SceneSampler,
-    /// Whose actions the learner imitates first ([`super::PpoOptions::taught`]).
+    /// Whose actions PPO imitates first ([`super::PpoOptions::taught`]); other learners have no use for it.
     pub teacher: Option<&'a dyn EgoPolicy>,
     /// Where the scenes of a second kind begin, and the share of the episodes that is in them.
     pub second_kind: Option<(usize, f64)>,
@@ -350,7 +350,7 @@ impl<'a> Training<'a> {
         // What was cut off only so that episodes do not end together shows neither success nor failure.
         if is_over && !slot.is_cut_off() {
             // Where leaving the road ends no episode, the route may be completed beside it.
-            let is_beside = self.options.goes_on && slot.left_road;
+            let is_beside = self.rules.goes_on && slot.left_road;
             self.count_success(slot, if is_beside { 0.0 } else { outcome.completion });
         }
         let step = DrivenStep {

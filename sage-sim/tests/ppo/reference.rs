@@ -131,7 +131,7 @@ impl Wide {
             actions: matrix(&batch.actions)?,
             log_densities: column(&batch.log_densities)?,
             returns: column(&batch.returns)?,
-            taught: (matrix(&batch.taught.0)?, batch.taught.1),
+            taught: (matrix(&batch.taught.actions)?, batch.taught.weight),
             advantages: batch.advantages.clone(),
         })
     }

@@ -5,14 +5,14 @@ use sage_bench::study::in_one_line;
 use sage_core::{files, registry::Registry};
 use sage_sim::{
     environment::DrivingReward,
-    rl::{Algorithm, TrainingOptions},
+    rl::{Algorithm, PpoOptions, TrainingOptions},
 };
 use serde_json::{Map, Value, json};
 
 use super::NONE;
 use crate::{
     cli::{EgosName, RecipeName, RewardSpec, TrainEgoArgs},
-    part::Part,
+    part::PolicyPart,
 };
 
 /// Options of a run that are options of the command, not of its configuration.
@@ -81,7 +81,7 @@ pub(super) struct Chosen {
     /// Share of the episodes in procedural scenes beside others.
     pub(super) procedural_share: Option<f64>,
     /// Policy whose actions are imitated first.
-    pub(super) teacher: Option<Part>,
+    pub(super) teacher: Option<PolicyPart>,
 }
 
 impl Chosen {
@@ -112,16 +112,43 @@ impl Chosen {
             ..configured(args, algorithm, &recipe.ppo)?
         };
         options.check().map_err(|problem| anyhow!(problem))?;
-        let of_recipe = recipe.teacher.filter(|_| algorithm == Algorithm::Ppo).map(str::parse).transpose();
-        let teacher = args.teacher.clone().or(of_recipe.map_err(|problem| anyhow!("the recipe: {problem}"))?);
+        let teacher = teacher(args, recipe.teacher.filter(|_| algorithm == Algorithm::Ppo))?;
+        if teacher.is_none() && options.ppo.taught != PpoOptions::default().taught {
+            bail!("`taught` is the share of the training with a teacher, and there is none; give --teacher");
+        }
+        if teacher.is_some() && options.ppo.taught == 0.0 {
+            bail!(
+                "`taught` is 0, so that nothing is learnt of --teacher; give a share above 0, or --teacher none"
+            );
+        }
         let share = args.procedural_share.or(recipe.procedural_share);
         Ok(Self {
             options,
             egos: args.egos.unwrap_or(recipe.egos),
             procedural_share: share.filter(|_| !args.paths.is_empty()),
-            teacher: teacher.filter(|teacher| teacher.name != NONE),
+            teacher,
         })
     }
+}
+
+/// The policy whose actions are imitated first, if there is one.
+fn teacher(args: &TrainEgoArgs, of_recipe: Option<&str>) -> Result<Option<PolicyPart>> {
+    let teacher = match (&args.teacher, of_recipe) {
+        (Some(teacher), _) => teacher.clone(),
+        (None, Some(name)) => name.parse().map_err(|problem| anyhow!("the recipe: {problem}"))?,
+        (None, None) => return Ok(None),
+    };
+    if teacher.0.name == NONE {
+        return Ok(None);
+    }
+    // Their files would decide what is learnt, and under which licence.
+    if teacher.is_program() || teacher.is_of_file() {
+        bail!(
+            "--teacher: `{}` is not a scripted policy of `sage list`; name one that is, such as expert",
+            teacher.0.name
+        );
+    }
+    Ok(Some(teacher))
 }
 
 /// The rare options.

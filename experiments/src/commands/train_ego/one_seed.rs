@@ -1,5 +1,7 @@
 //! The run of one seed: resumes from its checkpoint, trains, saves, writes its results.
 
+use std::path::Path;
+
 use anyhow::{Context as _, Result, anyhow};
 use sage_sim::rl::{
     Algorithm, CHECKPOINT, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions,
@@ -51,21 +53,15 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         let until = training.state().counters().steps + shared.checkpoint_every;
         let before = training.state().evaluations().len();
         training.advance(until.min(total), |done| clock.step(done > random)).map_err(|stop| {
-            let checkpoint = path.join(CHECKPOINT);
-            if !checkpoint.exists() {
-                return anyhow!("{stop}");
-            }
-            anyhow!(
-                "{stop}; the last good checkpoint is `{}`: the same command goes on from it, other options need another --out",
-                checkpoint.display()
-            )
+            let remedy = "the same command goes on from it, other options need another --out";
+            anyhow!("{stop}{}", last_good(&path).map_or(String::new(), |last| format!("{last}: {remedy}")))
         })?;
         let state = training.state();
         if let Some(tensor) = state.learner().not_finite() {
             return Err(anyhow!(
-                "step {}: tensor `{tensor}` is not finite; the last good checkpoint is `{}`",
+                "step {}: tensor `{tensor}` is not finite{}",
                 state.counters().steps,
-                path.join(CHECKPOINT).display()
+                last_good(&path).unwrap_or_default()
             ));
         }
         training.save(&path, &identity).with_context(|| format!("cannot write to `{}`", path.display()))?;
@@ -83,6 +79,12 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
     };
     write_policies(shared, run, &trained)?;
     Ok(trained)
+}
+
+/// Where the last checkpoint is, if there is one, as the rest of a sentence.
+fn last_good(folder: &Path) -> Option<String> {
+    let checkpoint = folder.join(CHECKPOINT);
+    checkpoint.exists().then(|| format!("; the last good checkpoint is `{}`", checkpoint.display()))
 }
 
 /// Writes the final policy, those of the last evaluations, and the tables of the seed.

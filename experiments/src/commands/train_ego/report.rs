@@ -162,7 +162,9 @@ pub(super) fn card_page(columns: &Columns, card: &PolicyCard) -> String {
     let mut facts = Table::new("", &["", ""]);
     facts.row("licence", [escaped_markdown(license)]);
     facts.row("observation", [format!("101 numbers (`{observation_hash}`)")]);
-    for key in ["scenes", "generator", "curriculum", "sampler", "updates", "steps", "seed"] {
+    let teacher = Some("teacher").filter(|key| !training[*key].is_null());
+    let keys = ["scenes", "generator", "curriculum", "sampler", "updates", "steps", "seed"];
+    for key in teacher.into_iter().chain(keys) {
         let value = training[key].as_str().map_or_else(|| training[key].to_string(), str::to_owned);
         facts.row(key, [escaped_markdown(&value)]);
     }

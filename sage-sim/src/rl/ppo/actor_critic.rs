@@ -5,8 +5,8 @@
 //!
 //! - actor: `−1/n Σ min(ρ A, clip(ρ, 1 ± c) A) − w Σ log σ`, ρ the ratio, A the advantage normalised in the minibatch;
 //! - critic: `1/(2n) Σ (V − R)²`;
-//! - imitation of a teacher's actions a: `5/n Σ (tanh(μ) − a)²`, μ the actor's outputs; with weight β the actor's loss is
-//!   β of it and 1 − β of the one above.
+//! - imitation of a teacher's actions a: `5/n Σ (tanh(μ) − a)²`, μ the actor's outputs. With weight β it makes β of the
+//!   actor's loss, and the actor's loss above 1 − β.
 //!
 //! The gradient of each is cut to a norm before Adam's step.
 
@@ -40,8 +40,17 @@ pub struct Minibatch<T> {
     pub advantages: Vec<f64>,
     /// Returns that the critic is to predict.
     pub returns: Vec<f64>,
-    /// Teacher's actions, and the weight of their imitation, 0 to 1; without them 0.
-    pub taught: (Vec<T>, f64),
+    /// What a teacher would have done.
+    pub taught: Taught<T>,
+}
+
+/// Actions of a teacher for the rows of a minibatch.
+#[derive(Clone, Debug, Default)]
+pub struct Taught<T> {
+    /// The actions, −1 to 1; none without a teacher.
+    pub actions: Vec<T>,
+    /// Weight of their imitation, 0 to 1; 0 without a teacher.
+    pub weight: f64,
 }
 
 /// What a step shows.
@@ -228,8 +237,9 @@ impl<T: Real> ActorCritic<T> {
             }
         }
         self.deviation_gradient.iter_mut().zip(of_deviations).for_each(|(g, x)| *g = T::of(x));
-        let (taught, weight) = &batch.taught;
+        let Taught { actions: taught, weight } = &batch.taught;
         if *weight > 0.0 {
+            debug_assert_eq!(taught.len(), batch.actions.len());
             let scale = T::of(1.0 - weight);
             self.deviation_gradient.iter_mut().for_each(|g| *g *= scale);
             let imitated = imitation(&actor.at.output, taught, rows, *weight, &mut actor.output);

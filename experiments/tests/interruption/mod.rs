@@ -112,9 +112,9 @@ impl Case {
                 (&[&attacks[..], &size, &run].concat(), false)
             }
             "train-ego-ppo" => {
-                let small =
-                    r#"{"ppo": {"hidden": [16, 16], "environments": 8, "horizon": 10, "minibatch": 40}}"#;
+                let small = r#"{"ppo": {"hidden": [16, 16], "environments": 8, "horizon": 10, "minibatch": 40, "taught": 0.7}}"#;
                 let size = ["--procedural", "6", "--learner", "ppo", "--steps", "12000", "--mirrored", "0.5"];
+                let size = [&size[..], &["--teacher", "expert"]].concat();
                 let run =
                     ["--config", small, "--evaluations", "3", "--checkpoint-every", "800", "--seeds", "0..2"];
                 let attacks = ["train-ego", "--method", "sage", "--search", "2", "--weights", "procedural"];

@@ -7,11 +7,8 @@ use std::path::Path;
 use insta::assert_snapshot;
 use safetensors::SafeTensors;
 use sage_core::content_hash::{HashedTensor, content_hash, split_hash, with_hash};
-use sage_sim::rl::{
-    BUFFER, CHECKPOINT, Setting, Training, TrainingOptions, TrainingState, curriculum::curricula,
-    scene_sampler::scene_samplers,
-};
-use short_training::{scenes, small};
+use sage_sim::rl::{BUFFER, CHECKPOINT, Training, TrainingOptions, TrainingState};
+use short_training::{Parts, scenes, small};
 
 #[test]
 fn a_damaged_or_foreign_checkpoint_is_refused_by_name() {
@@ -84,21 +81,9 @@ fn without_numbers(message: &str) -> String {
 /// Trains for a while and saves the run.
 fn save_trained(folder: &Path, options: &TrainingOptions) {
     let (training, evaluation) = (scenes(6, 0), scenes(3, 1));
-    let (curricula, samplers) = (curricula().expect("names differ"), scene_samplers().expect("names differ"));
-    let curriculum = curricula.build_default("constant").expect("registered");
-    let sampler = samplers.build_default("uniform").expect("registered");
-    let setting = Setting {
-        scenes: &training,
-        evaluation: &evaluation,
-        attacker: None,
-        examiner: None,
-        curriculum: &*curriculum,
-        sampler: &*sampler,
-        teacher: None,
-        second_kind: None,
-    };
+    let parts = Parts::of("constant", "uniform");
     let state = TrainingState::new(options, training.len()).expect("valid options");
-    let mut run = Training::new(options.clone(), setting, state);
+    let mut run = Training::new(options.clone(), parts.setting(&training, &evaluation), state);
     run.advance(300, |_| ()).expect("nothing breaks");
     run.save(folder, "test").expect("written");
 }

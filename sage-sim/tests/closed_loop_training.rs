@@ -8,14 +8,10 @@ use std::{collections::BTreeMap, path::Path};
 use chase::Chase;
 use insta::assert_snapshot;
 use safetensors::SafeTensors;
-use sage_sim::{
-    policy::policies,
-    rl::{
-        Algorithm, BUFFER, CHECKPOINT, PpoOptions, Setting, Td3Options, Training, TrainingOptions,
-        TrainingState, curriculum::curricula, scene_sampler::scene_samplers,
-    },
+use sage_sim::rl::{
+    Algorithm, BUFFER, CHECKPOINT, PpoOptions, Setting, Td3Options, Training, TrainingOptions, TrainingState,
 };
-use short_training::{scenes, small};
+use short_training::{Parts, scenes, small};
 
 /// Trains with a checkpoint every `every` steps and a fresh process, so to say, after each; the files of the end.
 fn trained(options: &TrainingOptions, every: u64, resumes: bool) -> BTreeMap<String, Vec<u8>> {
@@ -30,21 +26,9 @@ fn trained_against(
 ) -> BTreeMap<String, Vec<u8>> {
     let (training, evaluation) = (scenes(6, 0), scenes(3, 1));
     let folder = tempfile::tempdir().expect("a folder");
-    let (curricula, samplers) = (curricula().expect("names differ"), scene_samplers().expect("names differ"));
-    let curriculum = curricula.build_default("adaptive").expect("registered");
-    let sampler = samplers.build_default("prioritised").expect("registered");
-    // Whom only a learner that is taught asks.
-    let expert = policies().expect("names differ").build_default("expert").expect("registered");
-    let setting = || Setting {
-        scenes: &training,
-        evaluation: &evaluation,
-        attacker: Some(chase),
-        examiner: Some(chase),
-        curriculum: &*curriculum,
-        sampler: &*sampler,
-        teacher: Some(&*expert),
-        second_kind: None,
-    };
+    let parts = Parts::of("adaptive", "prioritised");
+    let setting =
+        || Setting { attacker: Some(chase), examiner: Some(chase), ..parts.setting(&training, &evaluation) };
     let state = TrainingState::new(options, training.len()).expect("valid options");
     let mut run = Training::new(options.clone(), setting(), state);
     while !run.is_done() {
@@ -159,20 +143,7 @@ fn small_ppo() -> TrainingOptions {
 /// Mean completion after a short training, for a share of it with a teacher.
 fn completion_taught(taught: f64) -> f64 {
     let (training, evaluation) = (scenes(12, 0), scenes(6, 1));
-    let (curricula, samplers) = (curricula().expect("names differ"), scene_samplers().expect("names differ"));
-    let curriculum = curricula.build_default("constant").expect("registered");
-    let sampler = samplers.build_default("uniform").expect("registered");
-    let expert = policies().expect("names differ").build_default("expert").expect("registered");
-    let setting = Setting {
-        scenes: &training,
-        evaluation: &evaluation,
-        attacker: None,
-        examiner: None,
-        curriculum: &*curriculum,
-        sampler: &*sampler,
-        teacher: Some(&*expert),
-        second_kind: None,
-    };
+    let parts = Parts::of("constant", "uniform");
     let ppo = PpoOptions { environments: 16, minibatch: 128, kept: 0.6, taught, ..PpoOptions::default() };
     let options = TrainingOptions {
         ppo,
@@ -183,7 +154,7 @@ fn completion_taught(taught: f64) -> f64 {
         ..small_ppo()
     };
     let state = TrainingState::new(&options, training.len()).expect("valid options");
-    let mut run = Training::new(options, setting, state);
+    let mut run = Training::new(options, parts.setting(&training, &evaluation), state);
     run.advance(u64::MAX, |_| ()).expect("nothing breaks");
     let rows = &run.state().evaluations()[0].unchanged;
     rows.iter().map(|row| row.completion).sum::<f64>() / rows.len() as f64
@@ -209,20 +180,9 @@ enum Broken {
 /// Runs until the training stops; says why it stopped.
 fn stopped(options: &TrainingOptions, broken: Broken) -> String {
     let training = scenes(6, 0);
-    let curricula = curricula().expect("names differ");
-    let curriculum = curricula.build_default("constant").expect("registered");
-    let sampler = scene_samplers().expect("names differ").build_default("uniform").expect("registered");
+    let parts = Parts::of("constant", "uniform");
     let chase = Chase { is_broken: broken == Broken::Generator, searches: false };
-    let setting = Setting {
-        scenes: &training,
-        evaluation: &[],
-        attacker: Some(&chase),
-        examiner: None,
-        curriculum: &*curriculum,
-        sampler: &*sampler,
-        teacher: None,
-        second_kind: None,
-    };
+    let setting = Setting { attacker: Some(&chase), ..parts.setting(&training, &[]) };
     let mut state = TrainingState::new(options, training.len()).expect("valid options");
     if broken == Broken::Weight {
         state.break_weight("actor.l2.weight");

@@ -117,15 +117,7 @@ fn the_observation_is_that_of_the_adversary() {
     for _ in 0..20 {
         let control = {
             let world = environment.world();
-            let vehicle = sage_sim::policy::ControlledVehicle {
-                track: swapped.scene().ego,
-                routes: [swapped.guide(), swapped.route()],
-                motion: *world.motion(),
-                area: world.area(),
-                ground: world.level(),
-                others: world.bodies(),
-            };
-            let view = sage_sim::policy::View::new(world, vehicle, policy("replay").knows(), None);
+            let view = sage_sim::policy::View::of_ego(world, policy("replay").knows(), None);
             driver.control(&view).unwrap()
         };
         environment.step_with(control).unwrap();

@@ -6,7 +6,11 @@ use sage_core::scene::SceneIndex;
 use sage_data::procedural::{Kind, generate};
 use sage_sim::{
     SimScene,
-    rl::{Td3Options, TrainingOptions},
+    policy::{EgoPolicy, policies},
+    rl::{
+        Curriculum, SceneSampler, Setting, Td3Options, TrainingOptions, curriculum::curricula,
+        scene_sampler::scene_samplers,
+    },
 };
 
 /// Procedural scenes with an adversary.
@@ -35,5 +39,41 @@ pub fn small() -> TrainingOptions {
         refresh_after: Some(200),
         seed: 7,
         ..TrainingOptions::default()
+    }
+}
+
+/// Registered parts of a training. Only a learner that is taught asks the teacher.
+pub struct Parts {
+    curriculum: Box<dyn Curriculum>,
+    sampler: Box<dyn SceneSampler>,
+    teacher: Box<dyn EgoPolicy>,
+}
+
+impl Parts {
+    pub fn of(curriculum: &str, sampler: &str) -> Self {
+        let curricula = curricula().expect("names differ");
+        Self {
+            curriculum: curricula.build_default(curriculum).expect("registered"),
+            sampler: scene_samplers().expect("names differ").build_default(sampler).expect("registered"),
+            teacher: policies().expect("names differ").build_default("expert").expect("registered"),
+        }
+    }
+
+    /// A training without attacks.
+    pub fn setting<'a>(
+        &'a self,
+        scenes: &'a [Arc<SimScene>],
+        evaluation: &'a [Arc<SimScene>],
+    ) -> Setting<'a> {
+        Setting {
+            scenes,
+            evaluation,
+            attacker: None,
+            examiner: None,
+            curriculum: &*self.curriculum,
+            sampler: &*self.sampler,
+            teacher: Some(&*self.teacher),
+            second_kind: None,
+        }
     }
 }

@@ -118,6 +118,13 @@ fn a_run_by_ppo_resumes_too() {
     let searched = trained_against(&search, &options, 400, false);
     assert!(searched != whole, "the search changes nothing");
     assert!(searched == trained_against(&search, &options, 130, true), "resuming changes the attacks");
+    // An attack that several episodes meet is planned again from the checkpoint.
+    let renewed = TrainingOptions { renew_attack_after: 3, ..options.clone() };
+    let seldom = trained(&renewed, 400, false);
+    assert!(seldom != whole, "fewer attacks change nothing");
+    assert!(seldom == trained(&renewed, 130, true), "resuming changes which attack is met");
+    let searched = trained_against(&search, &renewed, 400, false);
+    assert!(searched == trained_against(&search, &renewed, 130, true), "resuming changes the found attacks");
 }
 
 /// A training by PPO of a second.

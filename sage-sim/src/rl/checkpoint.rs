@@ -20,7 +20,7 @@ use super::{
     Counters, EpisodeRow, Evaluation, Network, SceneRecord, SuccessRates, TrainingOptions, TrainingState,
     running_episode::EpisodeRecord,
     tensor_file::{TensorBytes, hashed_tensors, write_tensors},
-    training_state::StoredDrive,
+    training_state::{KeptAttack, StoredDrive},
 };
 use crate::vehicle::Motion;
 
@@ -49,6 +49,9 @@ struct Record<'a> {
     episodes: Cow<'a, [Option<EpisodeRecord>]>,
     /// For each stored drive: scene, step, number of motions; the newest of a scene first.
     drives: Vec<(usize, u64, usize)>,
+    /// The attacks that are met again, by scene.
+    #[serde(default)]
+    attacks: Cow<'a, BTreeMap<usize, KeptAttack>>,
     records: Cow<'a, [SceneRecord]>,
     success: Cow<'a, SuccessRates>,
     counters: Cow<'a, Counters>,
@@ -76,6 +79,7 @@ impl TrainingState {
             learner: self.learner.record(),
             episodes: (&self.episodes).into(),
             drives,
+            attacks: Cow::Borrowed(&self.attacks),
             records: (&self.records).into(),
             success: Cow::Borrowed(&self.success),
             counters: Cow::Borrowed(&self.counters),
@@ -145,6 +149,7 @@ impl TrainingState {
         let motions = file.tensor("drives").map_err(|error| damaged(&error))?;
         state.drives = stored_drives(&record.drives, motions.data(), scenes)
             .ok_or_else(|| fail("its stored drives do not fit the scenes".to_owned()))?;
+        state.attacks = record.attacks.into_owned();
         state.records = record.records.into_owned();
         state.success = record.success.into_owned();
         state.counters = record.counters.into_owned();
@@ -195,6 +200,8 @@ impl Record<'_> {
             ("success", self.success.rates.iter().all(is_share)),
             ("episodes", self.episodes.len() == options.slots() || self.episodes.is_empty()),
             ("episodes", self.episodes.iter().flatten().all(|one| one.is_sound(scenes, options.max_steps))),
+            ("attacks", self.attacks.keys().all(|scene| *scene < scenes)),
+            ("attacks", self.attacks.values().all(|kept| kept.attack.is_sound())),
             ("loss_curve", self.loss_curve.len() as u64 <= options.evaluations),
             ("loss_curve", self.loss_curve.iter().all(|row| is_finite(row))),
             ("drives", self.drives.iter().all(|(_, step, _)| *step <= counters.steps)),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sage_core::{generator::OperatingPoint, motion::Trajectory};
 use serde::{Deserialize, Serialize};
 
-use super::{Attacker, SHORTEST_DRIVE, Setting};
+use super::{Attacker, SHORTEST_DRIVE};
 use crate::{
     Error,
     drive::{Drive, InformedDriver},
@@ -28,6 +28,8 @@ pub(super) struct Attack {
     pub(super) seed: u64,
     /// The drive that it is planned against; none for the recording.
     pub(super) drive: Option<Vec<Motion>>,
+    /// Step of the training at which that drive was stored.
+    pub(super) driven_at: Option<u64>,
     /// The plan, if a search with the policy of that moment found it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) found: Option<Trajectory>,
@@ -39,7 +41,18 @@ impl Attack {
         OperatingPoint::at(self.lambda, self.lambda)
     }
 
-    fn plan(&self, scene: &SimScene, attacker: &dyn Attacker) -> Result<Arc<Plan>, Error> {
+    /// Whether its numbers are in range.
+    pub(super) fn is_sound(&self) -> bool {
+        let is_long = |drive: &Vec<Motion>| drive.len() > SHORTEST_DRIVE;
+        (0.0..=1.0).contains(&self.lambda)
+            && self.drive.iter().all(is_long)
+            && self.drive.iter().flatten().all(Motion::is_finite)
+    }
+
+    /// The plan of the adversary.
+    ///
+    /// *Errors*: as [`Attacker::plan`].
+    pub(super) fn plan(&self, scene: &SimScene, attacker: &dyn Attacker) -> Result<Arc<Plan>, Error> {
         if let Some(found) = &self.found {
             return Ok(Arc::new(Plan::of_adversary(scene.scene(), found)?));
         }
@@ -69,18 +82,10 @@ pub(super) struct EpisodeRecord {
 impl EpisodeRecord {
     /// Whether it fits a training.
     pub(super) fn is_sound(&self, scenes: usize, max_steps: usize) -> bool {
-        let is_finite = |motion: &Motion| motion.is_finite();
-        let drive = self.attack.iter().flat_map(|attack| attack.drive.iter().flatten());
         self.scene < scenes
             && self.actions.len() < max_steps
             && self.actions.iter().flatten().all(|x| x.is_finite())
-            && drive.into_iter().all(is_finite)
-            && self
-                .attack
-                .iter()
-                .filter_map(|attack| attack.drive.as_ref())
-                .all(|all| all.len() > SHORTEST_DRIVE)
-            && self.attack.iter().all(|attack| (0.0..=1.0).contains(&attack.lambda))
+            && self.attack.iter().all(Attack::is_sound)
     }
 }
 
@@ -105,21 +110,17 @@ pub(super) struct RunningEpisode {
 }
 
 impl RunningEpisode {
-    /// Begins an episode and drives it as its record says. A teacher watches, if there is one.
+    /// Begins an episode and drives it as its record says, against the plan of its attack. A teacher watches, if there is one.
     ///
-    /// *Errors*: as [`super::Attacker::plan`], [`Environment::reset`], [`EgoPolicy::start`] and [`RunningEpisode::step`].
+    /// *Errors*: as [`Environment::reset`], [`EgoPolicy::start`] and [`RunningEpisode::step`].
     pub(super) fn of(
         record: EpisodeRecord,
-        setting: &Setting,
+        scene: &Arc<SimScene>,
+        plan: Option<Arc<Plan>>,
         teacher: Option<&dyn EgoPolicy>,
         rules: &Arc<EnvironmentOptions>,
         observe: Observe,
     ) -> Result<Self, Error> {
-        let scene = &setting.scenes[record.scene];
-        let mut plan = None;
-        if let (Some(attack), Some(attacker)) = (&record.attack, setting.attacker) {
-            plan = Some(attack.plan(scene, attacker)?);
-        }
         let environment = Environment::reset(scene.clone(), rules.clone(), plan.clone(), record.world)?;
         let start =
             |policy: &dyn EgoPolicy| InformedDriver::start(policy, scene, scene.scene().ego, record.world);

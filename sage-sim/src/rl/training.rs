@@ -7,16 +7,18 @@
 //! All random numbers depend on (seed, number of the step, update or episode, purpose) alone, so a run that resumes
 //! from a checkpoint needs no state of generators, and its bits are those of an uninterrupted run.
 
+mod attacking;
+
 use std::{io, path::Path, sync::Arc};
 
 use sage_core::seed::Rng;
 
 use super::{
     ActorPolicy, Attacker, Curriculum, DrivenStep, Evaluation, Progress, SceneSampler, TrainingOptions,
-    TrainingState, attack_episode, drive_episode, drive_scene,
+    TrainingState, attack_episode, drive_scene,
     evaluation::SHORTEST_DRIVE,
     evaluation_rules,
-    running_episode::{Attack, EpisodeRecord, Observe, RunningEpisode},
+    running_episode::{EpisodeRecord, Observe, RunningEpisode},
     success::success,
     training_state::StoredDrive,
 };
@@ -26,6 +28,7 @@ use crate::{
     observation::LENGTH,
     policy::EgoPolicy,
     scene::SimScene,
+    traffic::Plan,
     vehicle::Motion,
 };
 
@@ -164,8 +167,7 @@ impl<'a> Training<'a> {
         for (k, record) in std::mem::take(&mut self.state.episodes).into_iter().enumerate() {
             let Some(record) = record else { continue };
             let scene = record.scene;
-            let running =
-                RunningEpisode::of(record, &self.setting, self.teacher(), &self.rules, self.observe);
+            let running = self.plan_of(&record).and_then(|plan| self.running(record, plan));
             self.slots[k] = Some(running.map_err(|error| self.broken(scene, &error.to_string()))?);
         }
         Ok(())
@@ -225,18 +227,13 @@ impl<'a> Training<'a> {
         let share = self.state.counters.steps as f64 / self.options.steps() as f64;
         let at = Progress { share, success: &self.state.success };
         let drawn = self.setting.curriculum.draw(&at, coin);
-        let mut attack = None;
-        if let Some((lambda, attacker)) = drawn.zip(self.setting.attacker) {
-            attack = Some(match self.searched(attacker, scene, lambda, world)? {
-                Some(attack) => attack,
-                None => {
-                    self.refresh(scene, world)?;
-                    let stored = &self.state.drives[scene];
-                    let drive = stored.get(coin.below(stored.len())).map(|stored| stored.motions.clone());
-                    Attack { lambda, seed: coin.bits(), drive, found: None }
-                }
-            });
-        }
+        let (attack, plan) = match drawn.zip(self.setting.attacker) {
+            Some((lambda, attacker)) => {
+                let (attack, plan) = self.attack(attacker, scene, lambda, coin, world)?;
+                (Some(attack), Some(plan))
+            }
+            None => (None, None),
+        };
         let slots = self.slots.len();
         // Of the first turn of this place.
         let first_step = k as u64 * self.state.learner.turn();
@@ -246,62 +243,22 @@ impl<'a> Training<'a> {
         let draws_mirror = || Rng::new(self.options.seed, &number.to_string(), "mirror").unit() < mirror;
         let is_mirrored = mirror > 0.0 && draws_mirror();
         let record = EpisodeRecord { scene, number, world, is_mirrored, limit, attack, actions: Vec::new() };
-        let running = RunningEpisode::of(record, &self.setting, self.teacher(), &self.rules, self.observe)?;
+        let running = self.running(record, plan)?;
         if let Some(attack) = &running.record.attack {
-            self.count_attack(scene, attack);
+            self.count_attack(attack);
         }
         Ok(running)
+    }
+
+    /// Begins an episode and drives it as its record says.
+    fn running(&self, record: EpisodeRecord, plan: Option<Arc<Plan>>) -> Result<RunningEpisode, Error> {
+        let scene = &self.setting.scenes[record.scene];
+        RunningEpisode::of(record, scene, plan, self.teacher(), &self.rules, self.observe)
     }
 
     /// The teacher, as long as the learner learns from one.
     fn teacher(&self) -> Option<&'a dyn EgoPolicy> {
         self.setting.teacher.filter(|_| self.state.learner.is_taught(self.state.counters.steps))
-    }
-
-    /// The attack that a search with the policy of this moment finds, if the attacker searches.
-    fn searched(
-        &self,
-        attacker: &dyn Attacker,
-        scene: usize,
-        lambda: f64,
-        seed: u64,
-    ) -> Result<Option<Attack>, Error> {
-        if !self.state.learner.has_learnt(self.state.counters.steps) {
-            return Ok(None);
-        }
-        let attack = Attack { lambda, seed, drive: None, found: None };
-        let found = attacker.searched(&self.policy(), &self.setting.scenes[scene], &attack.point(), seed);
-        Ok(found.transpose()?.map(|found| Attack { found: Some(found), ..attack }))
-    }
-
-    fn count_attack(&mut self, scene: usize, attack: &Attack) {
-        let counters = &mut self.state.counters;
-        counters.attacked += 1;
-        if attack.found.is_some() {
-            return;
-        }
-        let is_it = |stored: &&StoredDrive| Some(&stored.motions) == attack.drive.as_ref();
-        match self.state.drives[scene].iter().find(is_it) {
-            Some(stored) => {
-                let age = counters.steps.saturating_sub(stored.step);
-                counters.drive_age = counters.drive_age.saturating_add(age);
-            }
-            None => counters.without_drive += 1,
-        }
-    }
-
-    /// Lets the present policy drive a scene whose newest drive is too old, and stores its drive.
-    fn refresh(&mut self, scene: usize, world: u64) -> Result<(), Error> {
-        let Some(limit) = self.options.refresh_after else { return Ok(()) };
-        let steps = self.state.counters.steps;
-        let is_fresh = self.state.drives[scene].front().is_some_and(|drive| steps - drive.step <= limit);
-        if is_fresh || !self.state.learner.has_learnt(steps) {
-            return Ok(());
-        }
-        let (_, drive) =
-            drive_episode(&self.policy(), &self.setting.scenes[scene], None, &self.rules, world)?;
-        self.store(scene, drive.motions);
-        Ok(())
     }
 
     /// The policy as it is now.

@@ -57,6 +57,9 @@ pub struct TrainingOptions {
     /// Age of a scene's newest drive, in steps, above which the present policy first drives the unchanged scene, so that the
     /// attack meets what it does now; `None` for never, as published.
     pub refresh_after: Option<u64>,
+    /// Attacked episodes of a scene that meet the same attack, with its intensity, before a new one is planned; 1 plans each
+    /// anew, as published.
+    pub renew_attack_after: u64,
     /// Evaluations during training, evenly spaced; the last one is at the end.
     pub evaluations: u64,
     /// Seed of initial weights, scenes, noise and batches.
@@ -80,6 +83,7 @@ impl Default for TrainingOptions {
             limit_is_terminal: false,
             drives: 1,
             refresh_after: None,
+            renew_attack_after: 1,
             evaluations: 20,
             seed: 0,
         }
@@ -142,6 +146,7 @@ impl TrainingOptions {
             ("environments", self.environments, 1, 1024),
             ("max_steps", self.max_steps, 2, 10_000),
             ("drives", self.drives, 1, 100),
+            ("renew_attack_after", self.renew_attack_after as usize, 1, 1_000_000),
             ("evaluations", self.evaluations as usize, 1, 1000),
         ];
         if let Some((name, value, least, most)) =

@@ -1,13 +1,17 @@
 //! Everything of a training run that changes and that a checkpoint holds.
 
-use std::collections::VecDeque;
+use std::{
+    collections::{BTreeMap, VecDeque},
+    sync::Arc,
+};
 
 use serde::{Deserialize, Serialize};
 
 use super::{
-    EpisodeRow, Learner, Network, SceneRecord, SuccessRates, TrainingOptions, running_episode::EpisodeRecord,
+    EpisodeRow, Learner, Network, SceneRecord, SuccessRates, TrainingOptions,
+    running_episode::{Attack, EpisodeRecord},
 };
-use crate::vehicle::Motion;
+use crate::{traffic::Plan, vehicle::Motion};
 
 /// One evaluation of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,12 +57,25 @@ pub(super) struct StoredDrive {
     pub(super) motions: Vec<Motion>,
 }
 
+/// The newest attack of a scene, if later episodes meet it again ([`TrainingOptions::renew_attack_after`]).
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct KeptAttack {
+    pub(super) attack: Attack,
+    /// Episodes that have met it.
+    pub(super) episodes: u64,
+    /// Its plan; a checkpoint does not hold it, since the attack gives it.
+    #[serde(skip)]
+    pub(super) plan: Option<Arc<Plan>>,
+}
+
 /// Everything of a run that changes and that a checkpoint holds.
 pub struct TrainingState {
     pub(super) learner: Box<dyn Learner>,
     /// The episodes in progress when it was saved, by their place.
     pub(super) episodes: Vec<Option<EpisodeRecord>>,
     pub(super) drives: Vec<VecDeque<StoredDrive>>,
+    /// By scene.
+    pub(super) attacks: BTreeMap<usize, KeptAttack>,
     pub(super) records: Vec<SceneRecord>,
     pub(super) success: SuccessRates,
     pub(super) counters: Counters,
@@ -76,6 +93,7 @@ impl TrainingState {
             learner: options.learner()?,
             episodes: Vec::new(),
             drives: vec![VecDeque::new(); scenes],
+            attacks: BTreeMap::new(),
             records: vec![SceneRecord::default(); scenes],
             success: SuccessRates::default(),
             counters: Counters::default(),

@@ -1,4 +1,4 @@
-//! The files of an attacked scene: pickle, native file, OpenSCENARIO.
+//! The files of an attacked scene: pickle, native file, JSON of GPUDrive, OpenSCENARIO.
 
 use anyhow::{Result, ensure};
 use sage_core::{motion::Trajectory, scene::Scene};
@@ -19,6 +19,7 @@ use crate::{
 pub(crate) struct Formats {
     pub(crate) pickle: bool,
     pub(crate) native: bool,
+    pub(crate) gpudrive: bool,
     /// Choices for OpenSCENARIO files, without the licence; `None` if none are written.
     pub(crate) scenario: Option<Options>,
 }
@@ -118,12 +119,13 @@ impl<'s> AttackedFiles<'s> {
         })
     }
 
-    /// Pickle and native file of an attack, as file names and contents.
+    /// Pickle, native file and JSON of an attack, as file names and contents.
     ///
     /// *Errors*: an attack that the scene cannot hold.
     pub(crate) fn files(&self, scene: &Scene, attack: &Attack) -> Result<Vec<(String, Vec<u8>)>> {
         let mut all = Vec::with_capacity(2);
-        if !self.formats.pickle && !self.formats.native {
+        let Formats { pickle, native, gpudrive, .. } = self.formats;
+        if !pickle && !native && !gpudrive {
             return Ok(all);
         }
         let mut provenance = attack.described.clone();
@@ -136,15 +138,21 @@ impl<'s> AttackedFiles<'s> {
             provenance.insert(key.to_owned(), value);
         }
         let attacked = attacked(scene, attack.trajectory)?;
+        let adversary = attacked.adversary.map(|track| attacked.tracks[track].id.as_str());
+        provenance.insert("adversary".to_owned(), json!(adversary));
         let provenance = Value::Object(provenance).to_string();
         let files = self.writer.variant(&attacked, &provenance)?;
         let name = format!("{}-{}", self.scene, attack.variant);
-        if self.formats.pickle {
+        if pickle {
             let (dataset, version) = (self.writer.dataset(), self.writer.version());
             all.push((dataset::file_name(dataset, version, &name), files.to_pickle()));
         }
-        if self.formats.native {
+        if native {
             all.push((format!("{name}.safetensors"), files.to_native()?));
+        }
+        if gpudrive {
+            // Rows end in .json alone.
+            all.push((format!("{name}.gpudrive.json"), files.to_gpudrive().json));
         }
         Ok(all)
     }

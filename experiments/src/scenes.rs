@@ -160,7 +160,7 @@ impl Scenes {
     pub(crate) fn windows(&self, size: usize) -> impl Iterator<Item = Self> {
         self.entries.chunks(size).map(|entries| Self {
             entries: entries.to_vec(),
-            options: self.options,
+            options: self.options.clone(),
             warnings: BTreeMap::new(),
             failed: self.failed.clone(),
             not_kept: BTreeMap::new(),

@@ -55,6 +55,16 @@ pub enum Error {
         /// What to do.
         remedy: &'static str,
     },
+    /// A file that is no JSON, or whose values are of other types.
+    #[error("`{}`: {}{problem}", path.display(), if field.is_empty() { String::new() } else { format!("field `{field}`: ") })]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Keys from the root, joined by slashes.
+        field: String,
+        /// What is wrong, and where.
+        problem: String,
+    },
     /// A value that a scene does not have at this field.
     #[error("`{}`: field `{field}` is {found}; expected {expected}", path.display())]
     Field {
@@ -89,7 +99,7 @@ pub enum Error {
     },
     /// A folder without a scene.
     #[error(
-        "no scene in `{}`; expected files that end in .pkl or .safetensors, or whose names hold `tfrecord`",
+        "no scene in `{}`; expected files that end in .pkl or .safetensors, whose names hold `tfrecord`, or JSON of GPUDrive",
         path.display()
     )]
     NoScenes {

@@ -7,7 +7,7 @@ use std::{
 };
 
 use crate::{
-    Error,
+    Error, gpudrive,
     map_in_order::map_in_order,
     pickle::{Document, PickleProblem},
     recording, womd,
@@ -23,7 +23,8 @@ const MAX_LEVELS: usize = 64;
 ///
 /// A path that is not a folder is the only file; a shard is the list of its records. In a folder they are the
 /// files that `dataset_summary.pkl` lists, in the folders that `dataset_mapping.pkl` gives. Without a summary they
-/// are all `.pkl` and `.safetensors` files below the folder, and the files whose names hold `tfrecord`.
+/// are all `.pkl` and `.safetensors` files below the folder, the shards by their names, and the `.json` and `.json.gz` files
+/// that are scenes.
 ///
 /// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for a folder without
 /// scenes, [`Error::Field`] for a summary whose names are not file names, [`Error::Shard`] for a shard without
@@ -47,7 +48,7 @@ pub fn scene_name(path: &Path) -> Result<String, Error> {
     if womd::is_record_path(path) {
         return Ok(womd::heading_of(path, &womd::read_framed(path)?)?.name);
     }
-    Ok(path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned())
+    Ok(without_ending(path).file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned())
 }
 
 /// Files under a path, as [`scene_files`] lists them, shards as they are.
@@ -104,7 +105,7 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
             };
             if found.is_dir() {
                 open.push((path, level + 1));
-            } else if found.is_file() && (is_scene_name(&name) || womd::is_shard_name(&path)) {
+            } else if found.is_file() && is_scene_file(&name, &path) {
                 files.push(path);
             }
         }
@@ -121,8 +122,15 @@ fn pickles_below(root: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-fn is_scene_name(name: &str) -> bool {
-    ENDINGS.iter().any(|ending| name.ends_with(ending)) && !name.starts_with("dataset_")
+fn is_scene_file(name: &str, path: &Path) -> bool {
+    let is_named = ENDINGS.iter().any(|ending| name.ends_with(ending)) && !name.starts_with("dataset_");
+    is_named || womd::is_shard_name(path) || gpudrive::is_scene_file(path)
+}
+
+/// A path without the ending of its file.
+pub(crate) fn without_ending(path: &Path) -> PathBuf {
+    let plain = path.with_extension("");
+    if gpudrive::is_compressed_name(path) { plain.with_extension("") } else { plain }
 }
 
 fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {

@@ -152,12 +152,6 @@ fn is_plain(text: &str) -> bool {
 fn of_json(body: &[u8]) -> Foreign {
     let has = |key: &[u8]| contains(body, key);
     let found = |what, remedy| Foreign { what, remedy };
-    if has(b"\"objects\"") && has(b"\"position\"") && (has(b"\"scenario_id\"") || has(b"\"name\"")) {
-        return found(
-            "a scene of GPUDrive (JSON)",
-            "give the Waymo TFRecord file or the ScenarioNet .pkl file that it was made from",
-        );
-    }
     if has(b"\"drivable_areas\"") || has(b"\"lane_segments\"") {
         return found("a map of Argoverse 2 (JSON), without road users", CONVERT);
     }

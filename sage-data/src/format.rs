@@ -1,6 +1,7 @@
 //! Formats of scene files, detected by their first bytes.
 
 use crate::{
+    gpudrive,
     pickle::{self, Walk},
     womd,
 };
@@ -12,6 +13,8 @@ pub enum Format {
     Pickle,
     /// A native file: safetensors.
     Native,
+    /// JSON of GPUDrive.
+    GpuDrive,
     /// Records of `Scenario` protos, as the Waymo Open Motion Dataset has them.
     TfRecord,
 }
@@ -39,6 +42,8 @@ impl Format {
             // The length of the header in eight bytes, followed by its opening brace. No header has 4 GiB.
             [_, _, _, _, 0, 0, 0, 0, b'{', ..] => Some(Self::Native),
             _ if walk == Walk::Ends => Some(Self::Pickle),
+            // Before native files, whose brace may follow eight other bytes.
+            _ if gpudrive::begins_scene(bytes) => Some(Self::GpuDrive),
             [_, _, _, _, _, _, _, _, b'{', ..] => Some(Self::Native),
             _ => None,
         }

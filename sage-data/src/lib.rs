@@ -26,6 +26,8 @@ mod error;
 pub mod folder;
 mod foreign;
 mod format;
+mod gpudrive;
+mod gzip;
 mod lane_links;
 mod lane_polygon;
 mod map_in_order;
@@ -48,6 +50,7 @@ mod xml;
 
 pub use error::Error;
 pub use format::Format;
+pub use gpudrive::EncodedGpuDrive;
 pub use reading::ReadOptions;
 pub use recording::{MAX_SCENE_FILE, Recording, Source, read_bytes};
 pub use variants::{PROVENANCE, Variant, VariantWriter};

@@ -7,6 +7,7 @@ mod fresh;
 mod retime;
 mod summary;
 mod tracks;
+mod values;
 
 pub use decode::decode;
 pub(crate) use decode::{MAX_FRAMES, entries_of_features};
@@ -14,3 +15,4 @@ pub(crate) use encode::{annotate, write_changes};
 pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};
 pub(crate) use retime::retimed;
 pub(crate) use summary::{complete, update};
+pub(crate) use values::Values;

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// How a scene file is read. The default takes a file as it is and mends what is safe to mend ([`crate::repairs`]).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReadOptions {
     /// The frame at 10 Hz that becomes *now*: the scene is the window from 10 frames before it to 80 after it.
@@ -13,6 +13,9 @@ pub struct ReadOptions {
     pub resample: bool,
     /// Recomputes velocities and headings from positions.
     pub trust_positions: bool,
+    /// The road user that is the ego in place of the one that the file names, by its id.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ego_track: Option<String>,
     /// Refuses a scene in which any track has an unusable value, instead of leaving that track out.
     pub strict: bool,
 }

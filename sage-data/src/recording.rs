@@ -13,7 +13,9 @@ use sage_core::{
 };
 
 use crate::{
-    Error, Format, ReadOptions, foreign, metadrive, native,
+    Error, Format, ReadOptions, foreign,
+    gpudrive::{self, EncodedGpuDrive},
+    gzip, metadrive, native,
     pickle::Document,
     repairs::{Decoded, Repair},
     variants::PROVENANCE,
@@ -119,6 +121,8 @@ pub enum Source {
     Native(Vec<u8>),
     /// A record of the Waymo Open Motion Dataset, as MetaDrive values without summaries.
     Record(Document),
+    /// A scene of GPUDrive, as MetaDrive values without summaries.
+    GpuDrive(Document),
     /// No file: the scene is procedural.
     Procedural,
 }
@@ -149,10 +153,17 @@ impl Recording {
     ///
     /// *Errors*: as [`Recording::read`].
     pub fn from_bytes_as(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Result<Self, Error> {
+        let bytes = match gpudrive::is_compressed_name(path) && gzip::is_gzip(&bytes) {
+            true => inflate(path, &bytes)?,
+            false => bytes,
+        };
         if is_record(path, &bytes) {
             return Self::of_record(path, &womd::only_record(path, bytes)?, options);
         }
         let format = Format::of(&bytes);
+        if format == Some(Format::GpuDrive) {
+            return Self::of_gpudrive(path, &bytes, options);
+        }
         let found = if format.is_none() { foreign::of_bytes(&bytes) } else { None };
         if format == Some(Format::Native) {
             let scene = native::decode(&bytes, options, path)?;
@@ -164,10 +175,25 @@ impl Recording {
         Self::checked(path, scene, Source::Pickle(source), options)
     }
 
-    fn checked(path: &Path, scene: Scene, source: Source, options: &ReadOptions) -> Result<Self, Error> {
+    fn of_gpudrive(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<Self, Error> {
+        let (source, notes) = gpudrive::document(path, bytes, options)?;
+        let mut scene = metadrive::decode(&source, options, path)?.scene;
+        scene.notes.extend(notes);
+        Self::checked(path, scene, Source::GpuDrive(source), options)
+    }
+
+    fn checked(path: &Path, mut scene: Scene, source: Source, options: &ReadOptions) -> Result<Self, Error> {
         check_lines(&scene, path)?;
         check_density(&scene, path)?;
-        Ok(Self { path: path.to_owned(), scene, source, options: *options })
+        if let Some(id) = options.ego_track.as_deref().filter(|id| scene.ego().id != *id) {
+            scene = scene.with_roles(Some(id), None).map_err(|problem| Error::Field {
+                path: path.to_owned(),
+                field: "(ego)".to_owned(),
+                found: format!("`{}`, which cannot be the ego: {problem}", id.escape_debug()),
+                expected: "the id of a vehicle that is there at that time".to_owned(),
+            })?;
+        }
+        Ok(Self { path: path.to_owned(), scene, source, options: options.clone() })
     }
 
     /// Reads and checks a record with its frame; `path` names it in errors, such as `SHARD#3`.
@@ -191,7 +217,7 @@ impl Recording {
     /// *Errors*: as [`metadrive::decode`].
     pub(crate) fn as_read(&self, document: &Document) -> Result<Decoded, Error> {
         // Motion that was recomputed is a change that is written.
-        let options = ReadOptions { trust_positions: false, ..self.options };
+        let options = ReadOptions { trust_positions: false, ..self.options.clone() };
         metadrive::decode(document, &options, &self.path)
     }
 
@@ -207,7 +233,7 @@ impl Recording {
     pub fn document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
         Ok(match &self.source {
             Source::Pickle(document) => Some(Cow::Borrowed(document)),
-            Source::Record(document) => {
+            Source::Record(document) | Source::GpuDrive(document) => {
                 let mut document = document.clone();
                 metadrive::complete(&mut document);
                 Some(Cow::Owned(document))
@@ -222,7 +248,7 @@ impl Recording {
     /// *Errors*: a native file whose source is damaged.
     pub fn dataset(&self) -> Result<Option<String>, Error> {
         let document = match &self.source {
-            Source::Record(document) => Cow::Borrowed(document),
+            Source::Record(document) | Source::GpuDrive(document) => Cow::Borrowed(document),
             _ => match self.document()? {
                 Some(document) => document,
                 None => return Ok(Some(metadrive::PROCEDURAL_DATASET.to_owned())),
@@ -295,6 +321,16 @@ impl Recording {
         Ok(encoded)
     }
 
+    /// The recording as JSON of GPUDrive. The adversary of an attack is marked such that simulators drive its path.
+    ///
+    /// *Errors*: as [`Recording::to_pickle`].
+    pub fn to_gpudrive(&self) -> Result<EncodedGpuDrive, Error> {
+        let provenance = self.provenance()?;
+        let attacker = provenance.as_deref().and_then(gpudrive::attacker);
+        let document = self.written(true)?.unwrap_or_else(|| metadrive::fresh(&self.scene));
+        Ok(gpudrive::encode(&self.scene, &document, attacker.as_deref()))
+    }
+
     /// The source with the tracks of the scene; with `ten_hertz` also with its frames.
     fn written(&self, ten_hertz: bool) -> Result<Option<Document>, Error> {
         let Some(source) = self.document()? else { return Ok(None) };
@@ -316,10 +352,18 @@ impl Recording {
     }
 }
 
+/// The content of a compressed file.
+fn inflate(path: &Path, bytes: &[u8]) -> Result<Vec<u8>, Error> {
+    gzip::inflate(bytes, MAX_SCENE_FILE).map_err(|source| match source.kind() {
+        std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MAX_SCENE_FILE },
+        _ => Error::Read { path: path.to_owned(), source },
+    })
+}
+
 /// True if some bytes are a record or a shard. A file that is named like a shard is one, because the length of a
 /// record can look like the start of a pickle.
 fn is_record(path: &Path, bytes: &[u8]) -> bool {
-    womd::is_shard_name(path) || womd::is_gzip(bytes) || Format::of(bytes) == Some(Format::TfRecord)
+    womd::is_shard_name(path) || gzip::is_gzip(bytes) || Format::of(bytes) == Some(Format::TfRecord)
 }
 
 /// The values of a pickle file.

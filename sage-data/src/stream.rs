@@ -65,7 +65,7 @@ fn name_of(root: &Path, file: &Path) -> PathBuf {
     if file.to_str() == Some("-") {
         return "stdin".into();
     }
-    folder::name_below(root, file).with_extension("")
+    folder::without_ending(&folder::name_below(root, file))
 }
 
 /// A scene to be read.

@@ -4,7 +4,13 @@ use std::path::{Path, PathBuf};
 
 use sage_core::scene::Scene;
 
-use crate::{Error, Recording, metadrive, native, pickle::Document, repairs::Decoded};
+use crate::{
+    Error, Recording,
+    gpudrive::{self, EncodedGpuDrive},
+    metadrive, native,
+    pickle::Document,
+    repairs::Decoded,
+};
 
 /// Metadata key of a written file for the provenance: how the scene was derived from its source.
 pub const PROVENANCE: &str = "sage_provenance";
@@ -99,6 +105,21 @@ impl Variant<'_> {
                 let mut document = metadrive::fresh(self.scene);
                 metadrive::annotate(&mut document, PROVENANCE, self.provenance);
                 document.to_pickle()
+            }
+        }
+    }
+
+    /// The variant as JSON of GPUDrive: simulators drive the adversary's path, and not the ego's.
+    pub fn to_gpudrive(&self) -> EncodedGpuDrive {
+        let adversary = self.scene.adversary.map(|track| &self.scene.tracks[track].id[..]);
+        let attacker = gpudrive::attacker(self.provenance);
+        let attacker = attacker.as_deref().or(adversary);
+        match &self.document {
+            Some(document) => gpudrive::encode(self.scene, document, attacker),
+            None => {
+                let mut document = metadrive::fresh(self.scene);
+                metadrive::annotate(&mut document, PROVENANCE, self.provenance);
+                gpudrive::encode(self.scene, &document, attacker)
             }
         }
     }

@@ -7,7 +7,6 @@
 
 mod decode;
 mod encode;
-mod gzip;
 mod message_error;
 mod open_shard;
 mod record_path;
@@ -21,7 +20,7 @@ use std::path::{Path, PathBuf};
 pub use decode::{DATASET, VERSION};
 pub(crate) use encode::encode;
 pub use encode::{EncodedScenario, Notes};
-pub(crate) use gzip::is_gzip;
+pub(crate) use encode::{Ids, note};
 pub use message_error::{MessageError, MessageProblem};
 pub use record_path::{is_record_path, shard_of};
 pub(crate) use record_path::{numbered, only_record, read_framed, record_paths, split_path};

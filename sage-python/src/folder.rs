@@ -46,7 +46,7 @@ impl PyScenes {
             let found = slice.indices(count as isize)?;
             let numbers = (0..found.slicelength as isize).map(|k| (found.start + k * found.step) as usize);
             let files = numbers.map(|number| self.files[number].clone()).collect();
-            let part = Self { folder: self.folder.clone(), files, reading: self.reading };
+            let part = Self { folder: self.folder.clone(), files, reading: self.reading.clone() };
             return Ok(Bound::new(py, part)?.into_any());
         }
         let number: isize = number.extract()?;
@@ -67,8 +67,8 @@ impl PyScenes {
         &self,
         py: Python<'py>,
     ) -> PyResult<Reduced<'py, (PathBuf, Vec<PathBuf>, (Option<usize>, [bool; 4]))>> {
-        let Reading { options, keep_source } = self.reading;
-        let flags = [options.resample, options.trust_positions, options.strict, keep_source];
+        let Reading { options, keep_source } = &self.reading;
+        let flags = [options.resample, options.trust_positions, options.strict, *keep_source];
         let rebuild = py.get_type::<Self>().getattr("_of_files")?;
         Ok((rebuild, (self.folder.clone(), self.files.clone(), (options.now, flags))))
     }
@@ -81,7 +81,7 @@ impl PyScenes {
         reading: (Option<usize>, [bool; 4]),
     ) -> Self {
         let (now, [resample, trust_positions, strict, keep_source]) = reading;
-        let options = ReadOptions { now, resample, trust_positions, strict };
+        let options = ReadOptions { now, resample, trust_positions, strict, ..ReadOptions::default() };
         Self { folder, files, reading: Reading { options, keep_source } }
     }
 
@@ -138,7 +138,7 @@ pub(crate) fn load_folder(
 ) -> PyResult<PyScenes> {
     let shard = shard.map(|(number, of)| format!("{number}/{of}").parse::<Shard>());
     let shard = shard.transpose().map_err(|problem| OptionError::new_err(format!("shard: {problem}")))?;
-    let reading = Reading { options: ReadOptions { now, resample, trust_positions, strict }, keep_source };
+    let reading = Reading { options: ReadOptions { now, resample, trust_positions, strict, ..ReadOptions::default() }, keep_source };
     detached(py, || {
         let mut files: Vec<PathBuf> = files_of(&path)?;
         if let Some(shard) = shard {

@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// How files are read.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(crate) struct Reading {
     pub(crate) options: ReadOptions,
     pub(crate) keep_source: bool,
@@ -25,7 +25,7 @@ impl Reading {
     /// Reads a scene file or a record.
     ///
     /// *Errors*: as [`Recording::read`].
-    pub(crate) fn read(self, path: &std::path::Path) -> anyhow::Result<PyScene> {
+    pub(crate) fn read(&self, path: &std::path::Path) -> anyhow::Result<PyScene> {
         let recording = Recording::read_as(path, &self.options)?;
         let name = folder::scene_name(path)? + &self.options.suffix();
         Ok(PyScene::of_recording(recording, name, self.keep_source))
@@ -54,7 +54,8 @@ pub(crate) fn load(
     strict: bool,
     keep_source: bool,
 ) -> PyResult<PyScene> {
-    let reading = Reading { options: ReadOptions { now, resample, trust_positions, strict }, keep_source };
+    let options = ReadOptions { now, resample, trust_positions, ego_track: ego, strict };
+    let reading = Reading { options, keep_source };
     detached(py, || {
         if path.is_dir() {
             let problem =
@@ -62,11 +63,11 @@ pub(crate) fn load(
             return Err(sage_bench::Error::Value(problem).into());
         }
         let scene = reading.read(&path)?;
-        if ego.is_none() && adversary.is_none() {
+        if adversary.is_none() {
             return Ok(scene);
         }
         let (data, origin) = (&scene.data, scene.origin.clone());
-        let changed = (*data.scene).clone().with_roles(ego.as_deref(), adversary.as_deref())?;
+        let changed = (*data.scene).clone().with_roles(None, adversary.as_deref())?;
         let data = SceneData { name: data.name.clone(), scene: Arc::new(changed), index: data.index.clone() };
         Ok(PyScene::new(Arc::new(data), origin))
     })

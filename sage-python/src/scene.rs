@@ -76,7 +76,7 @@ impl PyScene {
         let origin = Origin {
             path: path.clone(),
             source: source.clone(),
-            options: *options,
+            options: options.clone(),
             provenance: Some(provenance),
         };
         let data = SceneData {
@@ -95,7 +95,7 @@ impl PyScene {
     fn recording(&self) -> Recording {
         let Origin { path, source, options, .. } = &*self.origin;
         let scene = (*self.data.scene).clone();
-        Recording { path: path.clone(), scene, source: (**source).clone(), options: *options }
+        Recording { path: path.clone(), scene, source: (**source).clone(), options: options.clone() }
     }
 
     /// The bytes of a file of the scene.

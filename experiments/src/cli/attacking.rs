@@ -191,6 +191,8 @@ pub(crate) enum DatasetFormat {
     Rows,
     /// Native files (safetensors).
     Native,
+    /// JSON of GPUDrive, in which simulators drive the attack and their policy the ego.
+    Gpudrive,
     /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.
     Openscenario,
 }

@@ -23,8 +23,8 @@ const SCENES_PER_FILE: usize = 500;
 
 /// Convert scenes between formats, on all cores.
 ///
-/// PATH is a scene file, a TFRecord file of the Waymo Open Motion Dataset (also gzip), a record of it (FILE#3 or
-/// FILE#ID), a pipe (-), or a folder of such files.
+/// PATH is a scene file (MetaDrive or ScenarioNet pickle, native file, JSON of GPUDrive), a TFRecord file of the Waymo Open
+/// Motion Dataset (also gzip), a record of it (FILE#3 or FILE#ID), a pipe (-), or a folder of such files.
 ///
 /// A converted file keeps its name and the folder structure; a record becomes a file named by the id of its
 /// scene. With --to pickle, records become a data set that MetaDrive opens. The same command resumes an
@@ -35,6 +35,7 @@ Examples:
   sage convert scenes/ --to native --out native/
   sage convert validation.tfrecord-00000-of-00150 --to pickle --out dataset/
   sage convert scenes/ --to womd --out tfrecords/
+  sage convert attacked/ --to gpudrive --out maps/
   sage convert scenes/0.pkl --to openscenario --ego controller --out scenarios/
   sage convert attacked/ --of scenes/ --to pickle --out dataset/")]
 pub(crate) struct ConvertArgs {
@@ -100,6 +101,8 @@ pub(crate) enum ConvertFormat {
     Pickle,
     /// TFRecord files of Scenario protos, as in the Waymo Open Motion Dataset.
     Womd,
+    /// JSON of GPUDrive, which PufferDrive and ScenarioMax read too.
+    Gpudrive,
     /// OpenSCENARIO XML with an OpenDRIVE map, for simulators.
     Openscenario,
 }

@@ -10,7 +10,7 @@ use super::help::SCENE;
 const LAST: usize = 800;
 
 /// Options of reading scene files.
-#[derive(Clone, Copy, Debug, Default, Args)]
+#[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = SCENE)]
 pub(crate) struct ReadingArgs {
     /// Frame that becomes now (at 10 Hz, from 0): reads 10 frames before it to 80 after it. Written scenes hold these
@@ -23,6 +23,9 @@ pub(crate) struct ReadingArgs {
     /// Trust these values of a file, and recompute those that contradict them.
     #[arg(long, display_order = LAST, value_name = "WHAT", value_enum)]
     pub trust: Option<Trust>,
+    /// Read this road user as the ego, in place of the one that the file names; some files of GPUDrive name none.
+    #[arg(long, display_order = LAST, value_name = "ID")]
+    pub ego_track: Option<String>,
     /// Refuse a scene in which any road user has an unusable value, instead of leaving that road user out.
     #[arg(long, display_order = LAST)]
     pub strict: bool,
@@ -38,8 +41,8 @@ pub(crate) enum Trust {
 impl ReadingArgs {
     /// The options of the reader.
     pub(crate) fn options(&self) -> ReadOptions {
-        let Self { now, resample, trust, strict } = *self;
-        ReadOptions { now, resample, trust_positions: trust.is_some(), strict }
+        let Self { now, resample, trust, strict, ego_track } = self.clone();
+        ReadOptions { now, resample, trust_positions: trust.is_some(), ego_track, strict }
     }
 
     /// What distinguishes a run with these options from others; null for the default.

@@ -104,6 +104,8 @@ pub(crate) enum SearchFormat {
     Pickle,
     /// Pickles and native files.
     Both,
+    /// JSON of GPUDrive, in which simulators drive the attack and their policy the ego.
+    Gpudrive,
     /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.
     Openscenario,
     /// No scene files: the rows alone hold the plans.

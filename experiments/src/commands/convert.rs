@@ -163,6 +163,7 @@ fn ending(format: ConvertFormat) -> &'static str {
         ConvertFormat::Native => "safetensors",
         ConvertFormat::Pickle => "pkl",
         ConvertFormat::Womd => "tfrecord",
+        ConvertFormat::Gpudrive => "json",
         ConvertFormat::Openscenario => "xosc",
     }
 }

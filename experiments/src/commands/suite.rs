@@ -216,6 +216,7 @@ impl Maker<'_> {
         let formats = Formats {
             pickle: matches!(self.args.format, SearchFormat::Pickle | SearchFormat::Both),
             native: matches!(self.args.format, SearchFormat::Native | SearchFormat::Both),
+            gpudrive: self.args.format == SearchFormat::Gpudrive,
             scenario: (self.args.format == SearchFormat::Openscenario).then(Default::default),
         };
         let files = AttackedFiles::new(recording, scene, formats)?;

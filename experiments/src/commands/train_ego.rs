@@ -119,7 +119,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let mut second_kind = None;
     if let Some(share) = procedural_share {
         second_kind = Some((training.len(), share));
-        let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
+        let every = SplitArgs { reading: args.split.reading.clone(), ..SplitArgs::default() };
         let (procedural, without) = scenes(&[], &every, args.procedural, 0, needs_adversary)?;
         training.extend(procedural);
         failed += without;
@@ -127,7 +127,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     if egos == EgosName::All || second_kind.is_some() {
         progress::say(&format!("training in {} scenes, each with one ego", training.len()));
     }
-    let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
+    let every = SplitArgs { reading: args.split.reading.clone(), ..SplitArgs::default() };
     let (evaluation, failed_evaluation) =
         scenes(&args.eval, &every, args.procedural.div_ceil(3), EVALUATION_SEED, needs_adversary)?;
     refuse_overlap(args, &training, &evaluation)?;

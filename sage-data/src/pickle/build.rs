@@ -1,12 +1,19 @@
 //! Adds new values to a document.
 
-use super::{Document, Id, Node};
+use super::{Document, Id, Node, Span};
 
 impl Document {
     /// A new str.
     pub(crate) fn new_text(&mut self, text: &str) -> Id {
         let span = self.push_bytes(text.as_bytes());
         self.push(Node::Str(span))
+    }
+
+    /// Adds 64-bit floats, little-endian.
+    pub(crate) fn push_doubles(&mut self, numbers: &[f64]) -> Span {
+        let start = self.bytes.len() as u32;
+        self.bytes.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
+        Span { start, len: 8 * numbers.len() as u32 }
     }
 
     /// A new int.

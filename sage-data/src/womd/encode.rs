@@ -23,7 +23,7 @@ use crate::{
     pickle::{Document, Id, Node},
     variants::PROVENANCE,
 };
-use ids::Ids;
+pub(crate) use ids::Ids;
 use message::Writer;
 
 /// A scene as the data of a record.
@@ -40,7 +40,7 @@ pub struct EncodedScenario {
 pub type Notes = BTreeMap<String, usize>;
 
 /// Counts one more of what could not be kept.
-fn note(notes: &mut Notes, what: impl Into<String>) {
+pub(crate) fn note(notes: &mut Notes, what: impl Into<String>) {
     *notes.entry(what.into()).or_default() += 1;
 }
 

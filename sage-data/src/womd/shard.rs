@@ -7,15 +7,14 @@ use std::{
 
 use sage_core::files::{self, Opened};
 
-use super::{
-    gzip::{inflated, is_gzip},
-    tfrecord::{
-        Failure, FrameError, FrameProblem, Frames, HEADER, Record, Source, begins_with_record, read_up_to,
-    },
+use super::tfrecord::{
+    Failure, FrameError, FrameProblem, Frames, HEADER, Record, Source, begins_with_record, read_up_to,
 };
 use crate::{
     Error, Format,
     foreign::{self, Foreign},
+    gpudrive,
+    gzip::{inflated, is_gzip},
 };
 
 /// Part of the name of every shard of the Waymo Open Motion Dataset.
@@ -115,6 +114,7 @@ fn other_format(start: &[u8]) -> Option<String> {
     let (what, ending) = match Format::of(start) {
         Some(Format::Pickle) => ("a pickle", "pkl"),
         Some(Format::Native) => ("a native scene file", "safetensors"),
+        Some(Format::GpuDrive) => ("JSON of GPUDrive", "json"),
         _ if is_gzip(start) => ("a gzip file", "gz"),
         _ => {
             let Foreign { what, remedy } = foreign::by_magic(start)?;
@@ -161,7 +161,8 @@ fn located(path: &Path, error: FrameError) -> Error {
 
 /// True if a regular file is a shard: by its name, or by its first bytes unless it is named like another format.
 pub fn is_shard(path: &Path) -> bool {
-    if path.extension().is_some_and(|ending| ending == "pkl" || ending == "safetensors") {
+    let is_other = |ending: &std::ffi::OsStr| ending == "pkl" || ending == "safetensors" || ending == "json";
+    if path.extension().is_some_and(is_other) || gpudrive::is_compressed_name(path) {
         return false;
     }
     let is_file = std::fs::metadata(path).is_ok_and(|found| found.is_file());

@@ -15,7 +15,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::gzip::{MAX_EXPANSION, is_expansion};
+use crate::gzip::{MAX_EXPANSION, is_expansion};
 
 /// Bytes before the data of a record.
 pub(super) const HEADER: usize = 12;

@@ -183,6 +183,7 @@ impl Source {
         let formats = Formats {
             pickle: args.to == ConvertFormat::Pickle,
             native: args.to == ConvertFormat::Native,
+            gpudrive: args.to == ConvertFormat::Gpudrive,
             scenario,
         };
         let writer = AttackedFiles::new(&recording, &input.scene, formats)?;

@@ -8,7 +8,7 @@ use std::{
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::files::{self, Existing};
 use sage_data::{
-    Recording, dataset, folder,
+    EncodedGpuDrive, Recording, dataset, folder,
     openscenario::{Export, Options},
     repairs,
     stream::{Inputs, Item, map_in_order},
@@ -210,6 +210,12 @@ fn converted(
         let recording = item.read(&args.reading.options())?;
         match args.to {
             ConvertFormat::Openscenario => write_scenario(args, &recording, &target, !known.is_empty())?,
+            ConvertFormat::Gpudrive => {
+                let EncodedGpuDrive { json, notes } = recording.to_gpudrive()?;
+                files::write(&target, &json, Existing::Replace)
+                    .with_context(|| format!("cannot write `{}`", target.display()))?;
+                repairs::notes_of(&recording).chain(notes.into_keys()).collect()
+            }
             _ => {
                 recording.write(&target)?;
                 repairs::notes_of(&recording).collect()

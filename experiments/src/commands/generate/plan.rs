@@ -70,6 +70,7 @@ impl<'a> Plan<'a> {
         Formats {
             pickle: self.writes_pickles(),
             native: matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Native),
+            gpudrive: self.args.format == DatasetFormat::Gpudrive,
             scenario: self.scenario_options(),
         }
     }

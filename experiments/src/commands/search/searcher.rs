@@ -95,6 +95,7 @@ impl<'a> Searcher<'a> {
         Formats {
             pickle: self.writes_pickles(),
             native: matches!(format, SearchFormat::Native | SearchFormat::Both),
+            gpudrive: *format == SearchFormat::Gpudrive,
             scenario: (*format == SearchFormat::Openscenario).then(|| Options {
                 standard: standard.unwrap_or_default(),
                 ego: scenario_ego.unwrap_or_default(),

@@ -34,7 +34,7 @@ fn one_bad_value_of_a_bystander_costs_the_track() {
             let recording = made("person").recording(&ReadOptions::default());
             assert_eq!(recording.to_pickle().unwrap(), made("person").document.to_pickle());
             for (track, options) in
-                [("ego", ReadOptions::default()), ("car", ReadOptions::default()), ("person", strict)]
+                [("ego", ReadOptions::default()), ("car", ReadOptions::default()), ("person", strict.clone())]
             {
                 let error = made(track).read_as(&options).unwrap_err().to_string();
                 let field = format!("tracks/{track}/state/{column}");

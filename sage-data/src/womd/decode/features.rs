@@ -4,13 +4,14 @@ use std::{collections::HashMap, ops::Range};
 
 use super::{
     Scenario,
+    budget::Budget,
     lanes::{self, LaneFields},
     lights::point,
     points::{POINT_FIELD, push_point, push_usual_points},
-    values::{Budget, Values},
     width,
 };
 use crate::{
+    metadrive::Values,
     pickle::Id,
     womd::{
         message_error::{MessageError, Place},

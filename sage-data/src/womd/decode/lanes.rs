@@ -1,10 +1,11 @@
 //! Lanes of a `Scenario`.
 
 use super::{
+    budget::{Budget, DICT, ENTRY},
     points::{push_point, push_usual_points, speed_limit},
-    values::{Budget, DICT, ENTRY, Values},
 };
 use crate::{
+    metadrive::Values,
     pickle::Id,
     womd::{
         message_error::{MessageError, Place},

@@ -2,11 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::{
-    Scenario, checked,
-    values::{Budget, Values},
-};
+use super::{Scenario, budget::Budget, checked};
 use crate::{
+    metadrive::Values,
     pickle::Id,
     womd::{
         message_error::{MessageError, Place},

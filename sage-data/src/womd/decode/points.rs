@@ -1,6 +1,6 @@
 //! Points and numbers of map features.
 
-use super::{checked, lights::point, values::Budget};
+use super::{budget::Budget, checked, lights::point};
 use crate::womd::{
     message_error::{MessageError, Place},
     wire::{Field, Fields, Message},

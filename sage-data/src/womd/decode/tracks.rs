@@ -4,11 +4,9 @@ use std::collections::HashSet;
 
 use sage_core::motion::MAX_COORDINATE;
 
-use super::{
-    Scenario, TrackEntry, checked, object_type,
-    values::{Budget, Values},
-};
+use super::{Scenario, TrackEntry, budget::Budget, checked, object_type};
 use crate::{
+    metadrive::Values,
     pickle::Id,
     womd::{
         message_error::{MessageError, Place},

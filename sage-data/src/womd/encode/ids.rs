@@ -5,19 +5,19 @@ use std::collections::HashMap;
 use sage_core::scene::Scene;
 
 /// Numbers of ids. Ids that are integers keep their value; if any is none, all are numbered from 1.
-pub(super) struct Ids {
+pub(crate) struct Ids {
     numbers: HashMap<String, i64>,
     is_numbered: bool,
 }
 
 impl Ids {
     /// Numbers of the tracks of a scene, within 32 bits.
-    pub(super) fn of_tracks(scene: &Scene) -> Self {
+    pub(crate) fn of_tracks(scene: &Scene) -> Self {
         Self::of(scene.tracks.iter().map(|track| &track.id[..]), |id| i32::try_from(id).is_ok())
     }
 
     /// Numbers of the map features of a scene.
-    pub(super) fn of_features(scene: &Scene) -> Self {
+    pub(crate) fn of_features(scene: &Scene) -> Self {
         Self::of(scene.map.features.iter().map(|feature| &feature.id[..]), |_| true)
     }
 
@@ -33,12 +33,12 @@ impl Ids {
     }
 
     /// Number of an id; `None` for a text that no feature of the map has.
-    pub(super) fn get(&self, id: &str) -> Option<i64> {
+    pub(crate) fn get(&self, id: &str) -> Option<i64> {
         if self.is_numbered { self.numbers.get(id).copied() } else { integer(id) }
     }
 
     /// Id by number, in the order of the numbers; empty if ids kept their values.
-    pub(super) fn table(&self) -> Vec<(i64, String)> {
+    pub(crate) fn table(&self) -> Vec<(i64, String)> {
         let mut table: Vec<(i64, String)> =
             self.numbers.iter().map(|(id, number)| (*number, id.clone())).collect();
         table.sort_unstable();

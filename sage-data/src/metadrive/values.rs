@@ -1,53 +1,12 @@
-//! MetaDrive values that are built from a record: shared texts and numbers, and a limit on their size.
+//! MetaDrive values that are built from a scene of another format, with shared texts and numbers.
 
 use std::collections::HashMap;
 
-use crate::{
-    pickle::{Array, Document, Dtype, ElementKind, Id, Node, Span},
-    womd::message_error::{MessageError, Place},
-};
+use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node, Span};
 
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
+const F64: Dtype = Dtype { kind: ElementKind::Float, size: 8, big_endian: false };
 const BOOL: Dtype = Dtype { kind: ElementKind::Bool, size: 1, big_endian: false };
-
-/// A dict without entries and with this many entries takes about `DICT + ENTRY * n` bytes.
-pub(super) const DICT: usize = 64;
-pub(super) const ENTRY: usize = 8;
-
-/// Bytes that the values of a record may still take.
-pub(super) struct Budget(usize);
-
-impl Budget {
-    /// The limit for a record, as for pickles. Without a limit, a message of two bytes could become a track.
-    pub(super) fn of(record: usize) -> Self {
-        Self(record.saturating_mul(4).saturating_add(4 << 20))
-    }
-
-    /// Accounts for values of `bytes` bytes.
-    ///
-    /// *Errors*: the limit is reached; `what` names the values.
-    #[inline]
-    pub(super) fn spend(
-        &mut self,
-        bytes: usize,
-        offset: usize,
-        place: &Place,
-        what: &str,
-    ) -> Result<(), MessageError> {
-        match self.0.checked_sub(bytes) {
-            Some(left) => {
-                self.0 = left;
-                Ok(())
-            }
-            None => Err(MessageError::value(
-                offset,
-                place,
-                format!("part of a scene with more {what} than a record of its size describes"),
-                "a scene that is not many times larger than its record",
-            )),
-        }
-    }
-}
 
 /// Integers as texts. Most are indices of points, which need no hashing.
 struct Decimals {
@@ -89,9 +48,9 @@ impl Words {
     }
 }
 
-/// Builds the document of a record. Equal texts and integers are one value.
-pub(super) struct Values {
-    pub(super) document: Document,
+/// Builds a document. Equal texts and integers are one value.
+pub(crate) struct Values {
+    pub(crate) document: Document,
     words: Words,
     integers: HashMap<i64, Id>,
     decimals: Decimals,
@@ -101,40 +60,39 @@ pub(super) struct Values {
 }
 
 impl Values {
-    /// No values yet, with room for those of a record of some bytes.
-    pub(super) fn with_capacity(record: usize) -> Self {
+    /// No values yet, with room for some bytes of texts and arrays.
+    pub(crate) fn with_capacity(bytes: usize) -> Self {
         let mut document = Document::empty();
-        // Points take 12 of their 29 bytes, and lanes their widths besides; states 37 of 59.
-        document.reserve_bytes(record / 8 * 5);
+        document.reserve_bytes(bytes);
         let [none, no, yes] =
             [Node::None, Node::Bool(false), Node::Bool(true)].map(|node| document.push(node));
         let (words, integers, decimals) = (Words([None; SLOTS]), HashMap::new(), Decimals::new());
         Self { document, words, integers, decimals, none, no, yes }
     }
 
-    pub(super) fn none(&self) -> Id {
+    pub(crate) fn none(&self) -> Id {
         self.none
     }
 
-    pub(super) fn bool(&self, value: bool) -> Id {
+    pub(crate) fn bool(&self, value: bool) -> Id {
         if value { self.yes } else { self.no }
     }
 
     /// A key or a word of an enum.
-    pub(super) fn word(&mut self, word: &'static str) -> Id {
+    pub(crate) fn word(&mut self, word: &'static str) -> Id {
         self.words.get(word, &mut self.document)
     }
 
-    pub(super) fn text(&mut self, text: &str) -> Id {
+    pub(crate) fn text(&mut self, text: &str) -> Id {
         self.document.new_text(text)
     }
 
-    pub(super) fn int(&mut self, value: i64) -> Id {
+    pub(crate) fn int(&mut self, value: i64) -> Id {
         *self.integers.entry(value).or_insert_with(|| self.document.push(Node::Int(value)))
     }
 
     /// An integer as a str.
-    pub(super) fn decimal(&mut self, value: i64) -> Id {
+    pub(crate) fn decimal(&mut self, value: i64) -> Id {
         let known = match usize::try_from(value).ok().and_then(|value| self.decimals.small.get_mut(value)) {
             Some(known) => known,
             None => self.decimals.others.entry(value).or_insert(None),
@@ -142,31 +100,37 @@ impl Values {
         *known.get_or_insert_with(|| self.document.new_text(&value.to_string()))
     }
 
-    pub(super) fn float(&mut self, value: f64) -> Id {
+    pub(crate) fn float(&mut self, value: f64) -> Id {
         self.document.push(Node::Float(value))
     }
 
-    pub(super) fn list(&mut self, items: Vec<Id>) -> Id {
+    pub(crate) fn list(&mut self, items: Vec<Id>) -> Id {
         self.document.push(Node::List(items))
     }
 
-    pub(super) fn dict<const N: usize>(&mut self, entries: [(&'static str, Id); N]) -> Id {
+    pub(crate) fn dict<const N: usize>(&mut self, entries: [(&'static str, Id); N]) -> Id {
         let entries = entries.map(|(key, value)| (self.word(key), value)).to_vec();
         self.entries(entries)
     }
 
-    pub(super) fn entries(&mut self, entries: Vec<(Id, Id)>) -> Id {
+    pub(crate) fn entries(&mut self, entries: Vec<(Id, Id)>) -> Id {
         self.document.push(Node::Dict(entries))
     }
 
     /// An array of 32-bit floats.
-    pub(super) fn floats(&mut self, shape: &[usize], numbers: &[f32]) -> Id {
+    pub(crate) fn floats(&mut self, shape: &[usize], numbers: &[f32]) -> Id {
         let data = self.document.push_floats(numbers);
         self.array(F32, shape, data)
     }
 
+    /// An array of 64-bit floats.
+    pub(crate) fn doubles(&mut self, shape: &[usize], numbers: &[f64]) -> Id {
+        let data = self.document.push_doubles(numbers);
+        self.array(F64, shape, data)
+    }
+
     /// An array of bools, one byte each.
-    pub(super) fn bools(&mut self, bytes: &[u8]) -> Id {
+    pub(crate) fn bools(&mut self, bytes: &[u8]) -> Id {
         let data = self.document.push_bytes(bytes);
         self.array(BOOL, &[bytes.len()], data)
     }

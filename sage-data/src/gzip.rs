@@ -1,11 +1,11 @@
-//! Decompression of shards, with a limit on how far the data expands.
+//! Decompression by gzip, with a limit on how far the data expands.
 
 use std::io::{self, BufReader, Read};
 
 use flate2::read::MultiGzDecoder;
 
-/// How many times a compressed shard may expand. Records of scenes expand 3 to 20 times, gzip up to 1000 times.
-pub(super) const MAX_EXPANSION: u64 = 100;
+/// How many times compressed data may expand. Scenes expand 3 to 20 times, gzip up to 1000 times.
+pub(crate) const MAX_EXPANSION: u64 = 100;
 /// Decompressed bytes that are free of that limit.
 const FREE: u64 = 64 << 20;
 
@@ -15,13 +15,33 @@ pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
 }
 
 /// The decompressed bytes of a source. Beyond the limit of expansion reading fails ([`is_expansion`]).
-pub(super) fn inflated<R: Read + Send>(source: R) -> impl Read + Send {
+pub(crate) fn inflated<R: Read + Send>(source: R) -> impl Read + Send {
     let counted = Counted { source, bytes: 0 };
     Inflated { decoder: MultiGzDecoder::new(BufReader::new(counted)), bytes: 0 }
 }
 
+/// The decompressed bytes of data in memory, at most `limit` of them.
+///
+/// *Errors*: damaged data, and data that expands too far; [`io::ErrorKind::FileTooLarge`] beyond the limit.
+pub(crate) fn inflate(bytes: &[u8], limit: u64) -> io::Result<Vec<u8>> {
+    let mut all = Vec::new();
+    inflated(bytes).take(limit + 1).read_to_end(&mut all)?;
+    if all.len() as u64 > limit {
+        return Err(io::ErrorKind::FileTooLarge.into());
+    }
+    Ok(all)
+}
+
+/// The first decompressed bytes of data whose end may be missing.
+pub(crate) fn inflated_start(bytes: &[u8], length: u64) -> Vec<u8> {
+    let mut start = Vec::new();
+    // What was read before an error stays.
+    let _ = inflated(bytes).take(length).read_to_end(&mut start);
+    start
+}
+
 /// True for the error of data that expands too far.
-pub(super) fn is_expansion(error: &io::Error) -> bool {
+pub(crate) fn is_expansion(error: &io::Error) -> bool {
     error.get_ref().is_some_and(|inner| inner.is::<Expansion>())
 }
 

@@ -1,0 +1,74 @@
+//! The JSON of GPUDrive, PufferDrive and ScenarioMax: a scene a file, converted from the Waymo Open Motion Dataset or another.
+//!
+//! A file becomes MetaDrive values and goes through the decoder that pickles go through. There are two dialects without a
+//! version ([`Dialect`]). `docs/formats.md` says what is kept in each direction.
+
+mod decode;
+mod encode;
+mod file;
+mod keyed;
+mod lights;
+mod map_elements;
+
+pub(crate) use decode::document;
+pub use encode::EncodedGpuDrive;
+pub(crate) use encode::encode;
+
+use std::path::Path;
+
+use sage_core::files;
+
+use crate::gzip;
+
+/// Name of the data set and version in MetaDrive values; a file does not say what it was converted from.
+pub(crate) const DATASET: &str = "gpudrive";
+/// Coordinate of a frame in which a road user is absent.
+const ABSENT: f64 = -10_000.0;
+/// Key of what this project adds to a file, which other readers skip.
+const OWN: &str = "sage";
+/// Key of MetaDrive values for what the file says besides, as JSON text by key.
+const REST: &str = "gpudrive";
+
+/// How a file is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Dialect {
+    /// Headings in radians, ids, and `metadata` that names the ego.
+    Present,
+    /// Headings in degrees, and neither ids nor `metadata`: road users are named by their number in the file, from 0.
+    Old,
+}
+
+/// Id of the adversary of an attack, by its provenance.
+pub(crate) fn attacker(provenance: &str) -> Option<String> {
+    let facts: serde_json::Value = serde_json::from_str(provenance).ok()?;
+    Some(facts.get("adversary")?.as_str()?.to_owned())
+}
+
+/// Bytes of the start of a file that are looked at.
+const LOOK: usize = 1 << 16;
+
+/// True if a file is named like one that is compressed.
+pub(crate) fn is_compressed_name(path: &Path) -> bool {
+    path.file_name().unwrap_or_default().to_string_lossy().ends_with(".json.gz")
+}
+
+/// True if a file is a scene of GPUDrive, by its ending and its first bytes: many files of JSON are none.
+pub(crate) fn is_scene_file(path: &Path) -> bool {
+    let is_compressed = is_compressed_name(path);
+    if !is_compressed && path.extension().is_none_or(|ending| ending != "json") {
+        return false;
+    }
+    let start = files::read_start(path, LOOK as u64).unwrap_or_default();
+    begins_scene(&if is_compressed { gzip::inflated_start(&start, LOOK as u64) } else { start })
+}
+
+/// True if a file begins like a scene of GPUDrive: an object with road users or roads.
+pub(crate) fn begins_scene(bytes: &[u8]) -> bool {
+    let start = &bytes[..bytes.len().min(LOOK)];
+    let body = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start).trim_ascii_start();
+    let has = |key: &[u8]| body.windows(key.len()).any(|window| window == key);
+    // A native file has zeros among its first bytes.
+    body.starts_with(b"{")
+        && !start[..start.len().min(9)].contains(&0)
+        && (has(b"\"objects\"") && has(b"\"position\"") || has(b"\"roads\"") && has(b"\"geometry\""))
+}

@@ -1,0 +1,419 @@
+//! Makes MetaDrive values of a file.
+
+use std::{collections::HashMap, path::Path};
+
+use sage_core::motion::{DT, NOW};
+
+use super::{
+    DATASET, Dialect, REST,
+    file::{File, Metadata, Name, Object, Own, Road},
+    keyed::{Of, Rest},
+    lights::{STATES, Signal},
+    map_elements,
+};
+use crate::{
+    Error, ReadOptions,
+    metadrive::Values,
+    pickle::{Document, Id},
+    repairs::Repair,
+    variants::PROVENANCE,
+};
+
+/// Bytes that the states of lights may take, besides four times the size of the file: a light of a few bytes has a state
+/// for each frame.
+const FREE: usize = 4 << 20;
+
+/// The values of a file, and notes on how it was read.
+///
+/// *Errors*: [`Error::Json`] for what is no JSON or has other types; [`Error::Field`] for values that contradict each other.
+pub(crate) fn document(
+    path: &Path,
+    bytes: &[u8],
+    options: &ReadOptions,
+) -> Result<(Document, Vec<String>), Error> {
+    let body = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let Of(file) = serde_json::from_slice::<Of<File>>(body).map_err(|error| explained(path, body, error))?;
+    let wrong = |field: &str, found: String, expected: &str| Error::Field {
+        path: path.to_owned(),
+        field: field.to_owned(),
+        found,
+        expected: expected.to_owned(),
+    };
+    let objects = file.objects.unwrap_or_default();
+    let frames = match objects.first() {
+        Some(Of(first)) => first.valid.as_ref().map_or(0, Vec::len),
+        None => return Err(wrong("objects", "empty".to_owned(), "at least one road user, the ego")),
+    };
+    let dialect = if file.metadata.is_some() { Dialect::Present } else { Dialect::Old };
+    let own = file.own.unwrap_or_default();
+    let Of(metadata) = file.metadata.unwrap_or_default();
+    let ids: Vec<String> = {
+        let originals: HashMap<i64, &String> = own.objects.iter().map(|(number, id)| (*number, id)).collect();
+        let named =
+            objects.iter().enumerate().map(|(k, Of(object))| id_of(object.id.as_ref(), k, &originals));
+        named.collect()
+    };
+    let reader = Reader { path, frames, dialect, objects: &objects, ids: &ids };
+    let ego = reader.ego(&metadata, options)?;
+    let mut notes = Vec::new();
+    // Numbers take 8 bytes, and at least 5 in the file.
+    let mut values = Values::with_capacity(body.len() / 2);
+    let mut tracks = Vec::with_capacity(objects.len());
+    for (k, Of(object)) in objects.iter().enumerate() {
+        tracks.push(reader.track(k, object, &mut values)?);
+    }
+    let tracks = values.entries(tracks);
+    let features = reader.roads(&file.roads.unwrap_or_default(), &own, &mut values, &mut notes)?;
+    let signals = file.tl_states.flatten().unwrap_or_default().0;
+    if signals.len().saturating_mul(frames) > body.len().saturating_add(FREE / 4) {
+        let found = format!("{} lights with {frames} states each", signals.len());
+        return Err(wrong("tl_states", found, "as many as a file of this size describes"));
+    }
+    let mut lights = Vec::with_capacity(signals.len());
+    for (lane, signal) in &signals {
+        lights.push(reader.light(lane, signal, &mut values)?);
+    }
+    let lights = values.entries(lights);
+    if dialect == Dialect::Old {
+        notes.push(
+            "the old dialect of GPUDrive: headings are read in degrees, and road users named by their number"
+                .to_owned(),
+        );
+    }
+    let metadata = reader.metadata(&metadata, &own, ego, &file.rest, &mut values, &mut notes);
+    let id = match &file.scenario_id {
+        Some(Name(id)) if !id.is_empty() => id.clone(),
+        _ => path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+    };
+    let (id, version, length) = (values.text(&id), values.word(DATASET), values.int(frames as i64));
+    let root = values.dict([
+        ("id", id),
+        ("version", version),
+        ("length", length),
+        ("tracks", tracks),
+        ("dynamic_map_states", lights),
+        ("map_features", features),
+        ("metadata", metadata),
+    ]);
+    let mut document = values.document;
+    document.set_root(root);
+    document.set_file_size(body.len());
+    Ok((document, notes))
+}
+
+/// The error of a file that is not read, with the place of the value. The file is read once more to find it.
+fn explained(path: &Path, body: &[u8], error: serde_json::Error) -> Error {
+    let mut reader = serde_json::Deserializer::from_slice(body);
+    let located = serde_path_to_error::deserialize::<_, Of<File>>(&mut reader);
+    let field = located.err().map_or(String::new(), |error| error.path().to_string());
+    // As in other errors: objects/3/position.
+    let field = field.replace('[', ".").replace([']'], "").replace('.', "/");
+    let line = body.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
+    let at = &line[error.column().saturating_sub(1).min(line.len())..];
+    let is_number = ["NaN", "Infinity", "-Infinity", "aN", "nfinity", "I"]
+        .iter()
+        .any(|word| at.starts_with(word.as_bytes()));
+    let problem = match is_number {
+        true => format!("{error}: NaN and Infinity are no JSON; a finite number is expected"),
+        false => error.to_string(),
+    };
+    let field = if field == "/" { String::new() } else { field };
+    Error::Json { path: path.to_owned(), field, problem }
+}
+
+/// The id of the road user or road with a number.
+fn id_of(id: Option<&Name>, number: usize, originals: &HashMap<i64, &String>) -> String {
+    let Some(Name(id)) = id else { return number.to_string() };
+    let original = id.parse().ok().and_then(|id: i64| originals.get(&id));
+    original.map_or_else(|| id.clone(), |id| (*id).clone())
+}
+
+struct Reader<'r> {
+    path: &'r Path,
+    frames: usize,
+    dialect: Dialect,
+    objects: &'r [Of<Object<'r>>],
+    /// Ids of the objects.
+    ids: &'r [String],
+}
+
+impl Reader<'_> {
+    fn wrong(&self, field: impl Into<String>, found: String, expected: impl Into<String>) -> Error {
+        Error::Field { path: self.path.to_owned(), field: field.into(), found, expected: expected.into() }
+    }
+
+    /// Number of the ego.
+    fn ego(&self, metadata: &Metadata, options: &ReadOptions) -> Result<usize, Error> {
+        let count = self.objects.len();
+        if let Some(id) = &options.ego_track {
+            let found = self.ids.iter().position(|known| known == id);
+            return found.ok_or_else(|| {
+                let found = format!("without a road user `{}`", id.escape_debug());
+                self.wrong("objects", found, "the id that --ego-track names")
+            });
+        }
+        let remedy = "name the ego by its id with --ego-track";
+        let field = "metadata/sdc_track_index";
+        let index = match metadata.sdc_track_index {
+            Some(index) => index,
+            None if self.dialect == Dialect::Old => {
+                let expected = format!(
+                    "the ego; this is the old dialect, which names none: {remedy}, here its number in `objects`"
+                );
+                return Err(self.wrong("metadata", "missing".to_owned(), expected));
+            }
+            None => {
+                return Err(self.wrong(
+                    field,
+                    "missing".to_owned(),
+                    format!("the number of the ego; {remedy}"),
+                ));
+            }
+        };
+        let Some(k) = usize::try_from(index).ok().filter(|k| *k < count) else {
+            let expected = format!(
+                "the number of one of {count} objects; some converters count road users that they leave out: {remedy}"
+            );
+            return Err(self.wrong(field, index.to_string(), expected));
+        };
+        let Of(object) = &self.objects[k];
+        let kind = object.kind.as_ref().map_or("", |kind| &kind.0);
+        let is_there = object.valid.as_ref().and_then(|valid| valid.get(NOW)).is_some_and(|flag| flag.0);
+        if kind != "vehicle" || (!is_there && options.now.is_none()) {
+            let found = match kind {
+                "vehicle" => format!("{index}, a vehicle that is absent at frame {NOW}"),
+                kind => format!("{index}, a road user of type `{}`", kind.escape_debug()),
+            };
+            let expected = format!(
+                "a vehicle that is there at that frame; some converters count road users that they leave out: {remedy}"
+            );
+            return Err(self.wrong(field, found, expected));
+        }
+        Ok(k)
+    }
+
+    fn track(&self, k: usize, object: &Object, values: &mut Values) -> Result<(Id, Id), Error> {
+        let frames = self.frames;
+        let Object { position, velocity, heading, valid, .. } = object;
+        let lengths = [
+            ("position", position.as_ref().map_or(0, Vec::len)),
+            ("velocity", velocity.as_ref().map_or(0, Vec::len)),
+            ("heading", heading.as_ref().map_or(0, Vec::len)),
+            ("valid", valid.as_ref().map_or(0, Vec::len)),
+        ];
+        if let Some((key, found)) = lengths.into_iter().find(|(_, length)| *length != frames) {
+            let expected = format!("{frames}, one for each frame as in the first object's `valid`");
+            return Err(self.wrong(format!("objects/{k}/{key}"), format!("{found} entries"), expected));
+        }
+        let [position, velocity] = [position, velocity].map(|column| column.as_deref().unwrap_or_default());
+        let heading = heading.as_deref().unwrap_or_default();
+        let valid: Vec<u8> = valid.iter().flatten().map(|flag| u8::from(flag.0)).collect();
+        let is_there = |frame: &usize| valid[*frame] == 1;
+        let (mut places, mut speeds, mut headings) =
+            (vec![0.0; 3 * frames], vec![0.0; 2 * frames], vec![0.0; frames]);
+        // Absent frames hold a number that is far from the scene; here they hold zeros.
+        for frame in (0..frames).filter(is_there) {
+            places[3 * frame..][..3].copy_from_slice(&position[frame].0);
+            speeds[2 * frame..][..2].copy_from_slice(&velocity[frame].0[..2]);
+            headings[frame] = match self.dialect {
+                Dialect::Present => heading[frame],
+                Dialect::Old => heading[frame].to_radians(),
+            };
+        }
+        let mut state = vec![
+            (values.word("position"), values.doubles(&[frames, 3], &places)),
+            (values.word("velocity"), values.doubles(&[frames, 2], &speeds)),
+            (values.word("heading"), values.doubles(&[frames], &headings)),
+            (values.word("valid"), values.bools(&valid)),
+        ];
+        for (key, size) in ["length", "width", "height"].into_iter().zip(object.size) {
+            if let Some(size) = size {
+                state.push((values.word(key), values.float(size)));
+            }
+        }
+        let state = values.entries(state);
+        let kind = match object.kind.as_ref().map_or("", |kind| &kind.0) {
+            "vehicle" => values.word("VEHICLE"),
+            "pedestrian" => values.word("PEDESTRIAN"),
+            "cyclist" => values.word("CYCLIST"),
+            "unset" => values.word("UNSET"),
+            "other" => values.word("OTHER"),
+            other => values.text(&other.to_ascii_uppercase()),
+        };
+        let (name, length, dataset) =
+            (values.text(&self.ids[k]), values.int(frames as i64), values.word(DATASET));
+        let mut metadata = vec![
+            (values.word("track_length"), length),
+            (values.word("type"), kind),
+            (values.word("object_id"), name),
+            (values.word("dataset"), dataset),
+        ];
+        metadata.extend(kept(&object.rest, values));
+        let metadata = values.entries(metadata);
+        let track = values.dict([("type", kind), ("state", state), ("metadata", metadata)]);
+        Ok((name, track))
+    }
+
+    fn roads(
+        &self,
+        roads: &[Of<Road>],
+        own: &Own,
+        values: &mut Values,
+        notes: &mut Vec<String>,
+    ) -> Result<Id, Error> {
+        let originals: HashMap<i64, &String> = own.roads.iter().map(|(number, id)| (*number, id)).collect();
+        let mut features = Vec::with_capacity(roads.len());
+        let mut odd = 0;
+        for (k, Of(road)) in roads.iter().enumerate() {
+            let name = road.kind.as_ref().map_or("", |kind| &kind.0);
+            let known = map_elements::read(name, road.map_element_id);
+            odd += usize::from(known.is_none_or(|(.., is_odd)| is_odd));
+            let (kind, key) = match known {
+                Some((word, key, _)) => (values.word(word), key),
+                None => (values.text(&name.to_ascii_uppercase()), "polyline"),
+            };
+            let geometry = road.geometry.as_deref().unwrap_or_default();
+            let points: Vec<f64> = geometry.iter().flat_map(|point| point.0).collect();
+            let shape = match (key, geometry) {
+                ("position", [_]) => values.doubles(&[3], &points),
+                ("position", _) => {
+                    let found = format!("{} points", geometry.len());
+                    return Err(self.wrong(
+                        format!("roads/{k}/geometry"),
+                        found,
+                        "one, the place of the sign",
+                    ));
+                }
+                _ => values.doubles(&[geometry.len(), 3], &points),
+            };
+            let mut feature = vec![(values.word("type"), kind), (values.word(key), shape)];
+            feature.extend(kept(&road.rest, values));
+            let feature = values.entries(feature);
+            let id = id_of(road.id.as_ref(), k, &originals);
+            features.push((values.text(&id), feature));
+        }
+        if odd > 0 {
+            let text =
+                format!("{odd} roads have a `type` or `map_element_id` that the format does not define");
+            notes.push(Repair::MapValues.note(text));
+        }
+        Ok(values.entries(features))
+    }
+
+    fn light(&self, lane: &str, signal: &Signal, values: &mut Values) -> Result<(Id, Id), Error> {
+        let states = signal.state.as_deref().unwrap_or_default();
+        let times = signal.time_index.as_deref().unwrap_or_default();
+        let field = |key: &str| format!("tl_states/{}/{key}", lane.escape_debug());
+        if states.len() != times.len() {
+            let found = format!("{} entries", states.len());
+            return Err(self.wrong(field("state"), found, format!("{}, as in `time_index`", times.len())));
+        }
+        let mut all = vec![values.none(); self.frames];
+        for (state, time) in states.iter().zip(times) {
+            let slot = usize::try_from(*time).ok().and_then(|time| all.get_mut(time)).ok_or_else(|| {
+                self.wrong(field("time_index"), time.to_string(), format!("a frame below {}", self.frames))
+            })?;
+            *slot = values.word(STATES[usize::from(state.0)].1);
+        }
+        // The last stop point holds for all frames, as in Waymo's records.
+        let stop: Option<Vec<f64>> = signal.stop.iter().map(|axis| axis.as_ref()?.last().copied()).collect();
+        let kind = values.word("TRAFFIC_LIGHT");
+        let all = values.list(all);
+        let state = values.dict([("object_state", all)]);
+        let (name, length) = (values.text(lane), values.int(self.frames as i64));
+        let dataset = values.word(DATASET);
+        let metadata = values.dict([
+            ("track_length", length),
+            ("type", kind),
+            ("object_id", name),
+            ("dataset", dataset),
+        ]);
+        let mut light =
+            vec![(values.word("type"), kind), (values.word("state"), state), (values.word("lane"), name)];
+        if let Some(stop) = stop {
+            light.push((values.word("stop_point"), values.doubles(&[3], &stop)));
+        }
+        light.push((values.word("metadata"), metadata));
+        let light = values.entries(light);
+        Ok((name, light))
+    }
+
+    fn metadata(
+        &self,
+        metadata: &Metadata,
+        own: &Own,
+        ego: usize,
+        rest: &Rest,
+        values: &mut Values,
+        notes: &mut Vec<String>,
+    ) -> Id {
+        let times: Vec<f64> = (0..self.frames).map(|frame| frame as f64 * DT).collect();
+        let seconds = values.doubles(&[self.frames], &times);
+        let originals: HashMap<i64, &String> = own.objects.iter().map(|(number, id)| (*number, id)).collect();
+        let interest = metadata.objects_of_interest.iter().flatten();
+        let interest: Vec<Id> = interest
+            .map(|name| {
+                let id = id_of(Some(name), 0, &originals);
+                values.text(&id)
+            })
+            .collect();
+        let interest = values.list(interest);
+        let mut predictions = Vec::new();
+        let mut beyond = 0;
+        for one in metadata.tracks_to_predict.iter().flatten() {
+            let Some(id) = usize::try_from(one.track_index).ok().and_then(|k| self.ids.get(k)) else {
+                beyond += 1;
+                continue;
+            };
+            let name = values.text(id);
+            let (index, difficulty) = (values.int(one.track_index), values.int(one.difficulty));
+            let entry = values.dict([("track_index", index), ("track_id", name), ("difficulty", difficulty)]);
+            predictions.push((name, entry));
+        }
+        if beyond > 0 {
+            notes.push(format!("{beyond} of `tracks_to_predict` are no objects; they are left out"));
+        }
+        let predictions = values.entries(predictions);
+        let dataset = match &own.dataset {
+            Some(dataset) => values.text(dataset),
+            None => values.word(DATASET),
+        };
+        let (ego_id, ego_index) = (values.text(&self.ids[ego]), values.int(ego as i64));
+        let (length, now) = (values.int(self.frames as i64), values.int(NOW as i64));
+        let coordinate = values.word("waymo");
+        let processed = values.bool(false);
+        let mut entries = vec![
+            (values.word("coordinate"), coordinate),
+            (values.word("ts"), seconds),
+            (values.word("metadrive_processed"), processed),
+            (values.word("sdc_id"), ego_id),
+            (values.word("dataset"), dataset),
+            (values.word("track_length"), length),
+            (values.word("current_time_index"), now),
+            (values.word("sdc_track_index"), ego_index),
+            (values.word("objects_of_interest"), interest),
+            (values.word("tracks_to_predict"), predictions),
+        ];
+        if let Some(provenance) = &own.provenance {
+            entries.push((values.word(PROVENANCE), values.text(provenance)));
+        }
+        entries.extend(kept(rest, values));
+        if let Some((_, inner)) = kept(&metadata.rest, values) {
+            entries.push((values.word(REST_OF_METADATA), inner));
+        }
+        values.entries(entries)
+    }
+}
+
+/// Key of MetaDrive values for what the metadata of a file say besides.
+pub(super) const REST_OF_METADATA: &str = "gpudrive_metadata";
+
+/// An entry for what an object of a file holds besides, if it does.
+fn kept(rest: &Rest, values: &mut Values) -> Option<(Id, Id)> {
+    if rest.is_empty() {
+        return None;
+    }
+    let entries = rest.iter().map(|(key, value)| (values.text(key), values.text(value.get()))).collect();
+    let dict = values.entries(entries);
+    Some((values.word(REST), dict))
+}

@@ -9,7 +9,7 @@ use std::{
 use sage_core::{
     files::{self, Existing},
     geometry::distance,
-    scene::Scene,
+    scene::{Scene, TrackKind},
 };
 
 use crate::{
@@ -186,12 +186,16 @@ impl Recording {
         check_lines(&scene, path)?;
         check_density(&scene, path)?;
         if let Some(id) = options.ego_track.as_deref().filter(|id| scene.ego().id != *id) {
-            scene = scene.with_roles(Some(id), None).map_err(|problem| Error::Field {
+            let wrong = |problem: String| Error::Field {
                 path: path.to_owned(),
                 field: "(ego)".to_owned(),
                 found: format!("`{}`, which cannot be the ego: {problem}", id.escape_debug()),
-                expected: "the id of a vehicle that is there at that time".to_owned(),
-            })?;
+                expected: "the id of a vehicle that is there now".to_owned(),
+            };
+            scene = scene.with_roles(Some(id), None).map_err(|error| wrong(error.to_string()))?;
+            if scene.ego().kind != TrackKind::Vehicle {
+                return Err(wrong(format!("it is a {}", scene.ego().kind.name())));
+            }
         }
         Ok(Self { path: path.to_owned(), scene, source, options: options.clone() })
     }

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 pub use decode::{DATASET, VERSION};
 pub(crate) use encode::encode;
 pub use encode::{EncodedScenario, Notes};
-pub(crate) use encode::{Ids, note};
+pub(crate) use encode::{Ids, note, unknown_edges};
 pub use message_error::{MessageError, MessageProblem};
 pub use record_path::{is_record_path, shard_of};
 pub(crate) use record_path::{numbered, only_record, read_framed, record_paths, split_path};

@@ -138,7 +138,10 @@ pub(crate) fn load_folder(
 ) -> PyResult<PyScenes> {
     let shard = shard.map(|(number, of)| format!("{number}/{of}").parse::<Shard>());
     let shard = shard.transpose().map_err(|problem| OptionError::new_err(format!("shard: {problem}")))?;
-    let reading = Reading { options: ReadOptions { now, resample, trust_positions, strict, ..ReadOptions::default() }, keep_source };
+    let reading = Reading {
+        options: ReadOptions { now, resample, trust_positions, strict, ..ReadOptions::default() },
+        keep_source,
+    };
     detached(py, || {
         let mut files: Vec<PathBuf> = files_of(&path)?;
         if let Some(shard) = shard {

@@ -19,6 +19,8 @@ use crate::{
     variants::PROVENANCE,
 };
 
+/// Type of vehicles in a file.
+const VEHICLE: &str = "vehicle";
 /// Bytes that the states of lights may take, besides four times the size of the file: a light of a few bytes has a state
 /// for each frame.
 const FREE: usize = 4 << 20;
@@ -147,9 +149,10 @@ impl Reader<'_> {
         let count = self.objects.len();
         if let Some(id) = &options.ego_track {
             let found = self.ids.iter().position(|known| known == id);
+            let found = found.filter(|k| self.kind(*k) == VEHICLE);
             return found.ok_or_else(|| {
-                let found = format!("without a road user `{}`", id.escape_debug());
-                self.wrong("objects", found, "the id that --ego-track names")
+                let found = format!("without a vehicle `{}`", id.escape_debug());
+                self.wrong("objects", found, "the id of a vehicle with --ego-track")
             });
         }
         let remedy = "name the ego by its id with --ego-track";
@@ -177,11 +180,11 @@ impl Reader<'_> {
             return Err(self.wrong(field, index.to_string(), expected));
         };
         let Of(object) = &self.objects[k];
-        let kind = object.kind.as_ref().map_or("", |kind| &kind.0);
+        let kind = self.kind(k);
         let is_there = object.valid.as_ref().and_then(|valid| valid.get(NOW)).is_some_and(|flag| flag.0);
-        if kind != "vehicle" || (!is_there && options.now.is_none()) {
+        if kind != VEHICLE || (!is_there && options.now.is_none()) {
             let found = match kind {
-                "vehicle" => format!("{index}, a vehicle that is absent at frame {NOW}"),
+                VEHICLE => format!("{index}, a vehicle that is absent at frame {NOW}"),
                 kind => format!("{index}, a road user of type `{}`", kind.escape_debug()),
             };
             let expected = format!(
@@ -190,6 +193,11 @@ impl Reader<'_> {
             return Err(self.wrong(field, found, expected));
         }
         Ok(k)
+    }
+
+    /// What a road user is.
+    fn kind(&self, k: usize) -> &str {
+        self.objects[k].0.kind.as_ref().map_or("", |kind| &kind.0)
     }
 
     fn track(&self, k: usize, object: &Object, values: &mut Values) -> Result<(Id, Id), Error> {
@@ -232,8 +240,8 @@ impl Reader<'_> {
             }
         }
         let state = values.entries(state);
-        let kind = match object.kind.as_ref().map_or("", |kind| &kind.0) {
-            "vehicle" => values.word("VEHICLE"),
+        let kind = match self.kind(k) {
+            VEHICLE => values.word("VEHICLE"),
             "pedestrian" => values.word("PEDESTRIAN"),
             "cyclist" => values.word("CYCLIST"),
             "unset" => values.word("UNSET"),

@@ -17,7 +17,7 @@ use crate::{
     openscenario::License,
     pickle::{Document, Id, Node},
     variants::PROVENANCE,
-    womd::{Ids, Notes, note},
+    womd::{Ids, Notes, note, unknown_edges},
 };
 
 /// Frames and road users that readers take.
@@ -47,8 +47,9 @@ pub(crate) fn encode(scene: &Scene, document: &Document, attacker: Option<&str>)
     let mut out = Writer::default();
     out.open('{');
     let top = of_metadata(REST).map(|rest| texts(document, rest)).unwrap_or_default();
-    if !top.iter().any(|(key, _)| *key == "name") {
-        out.entry("name", &format!("{}.json", scene.id));
+    match top.iter().find(|(key, _)| *key == "name") {
+        Some((key, name)) => out.raw(key, name),
+        None => out.entry("name", &format!("{}.json", scene.id)),
     }
     out.entry("scenario_id", &scene.id);
     out.key("objects");
@@ -87,7 +88,7 @@ pub(crate) fn encode(scene: &Scene, document: &Document, attacker: Option<&str>)
         out.raw(key, value);
     }
     out.close('}');
-    for (key, value) in top {
+    for (key, value) in top.into_iter().filter(|(key, _)| *key != "name") {
         out.raw(key, value);
     }
     let dataset = text("dataset").filter(|dataset| dataset != super::DATASET);
@@ -211,16 +212,16 @@ fn write_roads(out: &mut Writer, scene: &Scene, document: &Document, ids: &Ids, 
     let sources = entries_by_id(document, "map_features");
     let position: HashMap<&str, usize> =
         document_order(document, "map_features").into_iter().enumerate().map(|(k, id)| (id, k)).collect();
+    let entries = document.get(document.root(), "map_features").and_then(|all| document.entries(all));
+    let unknown_edges = unknown_edges(document, entries.unwrap_or_default());
     let mut features: Vec<_> = scene.map.features.iter().collect();
     // The features of a scene are sorted; a file keeps the order of its source.
     features.sort_by_key(|feature| position.get(&feature.id[..]).copied());
     for feature in features {
         let word = feature.kind.name();
-        let Some((name, id)) = map_elements::written(
-            word,
-            feature.kind.is_edge(),
-            feature.kind.is_lane() || feature.lane.is_some(),
-        ) else {
+        let is_edge = feature.kind.is_edge() || word == "UNKNOWN" && unknown_edges.contains(&feature.id);
+        let is_lane = feature.kind.is_lane() || feature.lane.is_some();
+        let Some((name, id)) = map_elements::written(word, is_edge, is_lane) else {
             note(notes, format!("map features of type {word}, which the format does not have"));
             continue;
         };

@@ -60,6 +60,7 @@ pub(super) struct Metadata<'j> {
 
 /// A road user that the data set chose to predict.
 #[derive(Deserialize)]
+#[serde(expecting = "an object with `track_index`")]
 pub(super) struct Prediction {
     pub(super) track_index: i64,
     #[serde(default)]
@@ -199,6 +200,7 @@ pub(super) struct Point(pub(super) [f64; 3]);
 impl<'j> Deserialize<'j> for Point {
     fn deserialize<D: Deserializer<'j>>(deserializer: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
+        #[serde(expecting = "a point: an object with `x` and `y`")]
         struct Axes {
             x: f64,
             y: f64,

@@ -24,6 +24,7 @@ use crate::{
     variants::PROVENANCE,
 };
 pub(crate) use ids::Ids;
+pub(crate) use map::unknown_edges;
 use message::Writer;
 
 /// A scene as the data of a record.

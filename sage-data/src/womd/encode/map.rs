@@ -35,7 +35,7 @@ pub(super) fn write(out: &mut Writer, scene: &Scene, document: &Document, ids: &
 }
 
 /// Ids of boundaries of an unknown type. Over a road edge, Waymo's boundaries have none.
-fn unknown_edges(document: &Document, entries: &[(Id, Id)]) -> HashSet<String> {
+pub(crate) fn unknown_edges(document: &Document, entries: &[(Id, Id)]) -> HashSet<String> {
     let mut edges = HashSet::new();
     for (_, entry) in entries {
         for key in BOUNDARIES {

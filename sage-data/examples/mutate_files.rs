@@ -1,7 +1,7 @@
 //! Reads any number of broken and hostile scene files and counts the results.
 //!
 //! ```sh
-//! cargo run --release -p sage-data --example mutate_files -- [--native|--records] 100000 [SCENE.pkl …]
+//! cargo run --release -p sage-data --example mutate_files -- [--native|--records|--json] 100000 [SCENE.pkl …]
 //! ```
 //! Ends with an error at the first panic, at the first accepted hostile file, or when the whole program
 //! needs more than 256 MiB.
@@ -23,8 +23,9 @@ fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1).peekable();
     let natively = arguments.next_if_eq("--native").is_some();
     let as_records = arguments.next_if_eq("--records").is_some();
+    let as_json = arguments.next_if_eq("--json").is_some();
     let Some(count) = arguments.next().and_then(|n| n.parse::<u64>().ok()) else {
-        eprintln!("usage: mutate_files [--native|--records] COUNT [SCENE.pkl …]");
+        eprintln!("usage: mutate_files [--native|--records|--json] COUNT [SCENE.pkl …]");
         return ExitCode::from(2);
     };
     let files: Vec<String> = arguments.collect();
@@ -55,6 +56,7 @@ fn main() -> ExitCode {
     let pickles = Mutator::new(bases);
     let messages = mutation::messages(include_bytes!("../tests/data/womd_synthetic.tfrecord"));
     let messages = Mutator::new(messages);
+    let json = Mutator::new(mutation::scenes());
     let mut rows: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
     let mut slowest: f64 = 0.0;
     for number in 0..count {
@@ -63,7 +65,11 @@ fn main() -> ExitCode {
             let outcome = mutation::read_message(&mutant);
             (mutant, outcome)
         } else {
-            let mutant = if natively { native.make_native(number) } else { pickles.make(number) };
+            let mutant = match (natively, as_json) {
+                (true, _) => native.make_native(number),
+                (_, true) => json.make_json(number),
+                _ => pickles.make(number),
+            };
             let outcome = mutation::read(&mutant);
             (mutant, outcome)
         };

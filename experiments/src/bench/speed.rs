@@ -82,6 +82,8 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
         })
     };
     report(timing("record of a TFRecord file to checked scene, one scene", read(record, &scenario), None))?;
+    let json = read(scene, &recording.to_gpudrive()?.json);
+    report(timing("JSON of GPUDrive to checked scene, one scene", json, None))?;
     let native = read(scene, &recording.to_native()?);
     report(timing("native file to checked scene, one scene", native, Some(0.4)))?;
 

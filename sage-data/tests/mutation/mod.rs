@@ -5,6 +5,7 @@
 
 pub mod crafted;
 mod globals;
+mod json;
 mod native;
 mod records;
 
@@ -25,6 +26,7 @@ use sage_data::{Error, Recording, Source, checks::Summary};
 
 use crafted::{amplified, deep, memo_loop};
 pub use globals::HOSTILE;
+pub use json::scenes;
 pub use records::{consume_message, messages};
 
 /// Generator of seeded inputs.
@@ -166,6 +168,18 @@ pub fn consume(bytes: &[u8]) -> Result<(), Error> {
         Source::Pickle(_) => {
             assert!(again(recording.to_pickle()?)?, "the scene differs after writing and reading");
             assert!(again(recording.to_native()?)?, "the scene differs as a native file");
+        }
+        Source::GpuDrive(_) => {
+            // Notes on the JSON are not written.
+            let plain = |scene: Scene| Scene { notes: Vec::new(), ..scene };
+            for bytes in [recording.to_pickle()?, recording.to_native()?] {
+                let read = Recording::from_bytes(path, bytes)?.scene;
+                assert!(
+                    plain(read) == plain(recording.scene.clone()),
+                    "the scene differs after writing and reading"
+                );
+            }
+            Recording::from_bytes(path, recording.to_gpudrive()?.json).expect("what is written is read");
         }
         _ => {
             if let Ok(bytes) = recording.to_native() {

@@ -7,7 +7,7 @@ use std::{
 };
 
 use crate::{
-    Error, gpudrive,
+    Error, argoverse2, gpudrive,
     map_in_order::map_in_order,
     pickle::{Document, PickleProblem},
     recording, womd,
@@ -24,7 +24,7 @@ const MAX_LEVELS: usize = 64;
 /// A path that is not a folder is the only file; a shard is the list of its records. In a folder they are the
 /// files that `dataset_summary.pkl` lists, in the folders that `dataset_mapping.pkl` gives. Without a summary they
 /// are all `.pkl` and `.safetensors` files below the folder, the shards by their names, and the `.json` and `.json.gz` files
-/// that are scenes.
+/// that are scenes, and the scenarios of Argoverse 2 (`scenario_….parquet`).
 ///
 /// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for a folder without
 /// scenes, [`Error::Field`] for a summary whose names are not file names, [`Error::Shard`] for a shard without
@@ -124,11 +124,17 @@ fn pickles_below(root: &Path) -> Result<Vec<PathBuf>, Error> {
 
 fn is_scene_file(name: &str, path: &Path) -> bool {
     let is_named = ENDINGS.iter().any(|ending| name.ends_with(ending)) && !name.starts_with("dataset_");
-    is_named || womd::is_shard_name(path) || gpudrive::is_scene_file(path)
+    is_named
+        || womd::is_shard_name(path)
+        || argoverse2::is_scenario_name(name)
+        || gpudrive::is_scene_file(path)
 }
 
 /// A path without the ending of its file.
 pub(crate) fn without_ending(path: &Path) -> PathBuf {
+    if let Some(plain) = argoverse2::plain_path(path).filter(|plain| plain.file_name().is_some()) {
+        return plain;
+    }
     let plain = path.with_extension("");
     if gpudrive::is_compressed_name(path) { plain.with_extension("") } else { plain }
 }

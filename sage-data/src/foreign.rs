@@ -45,8 +45,7 @@ pub(crate) fn instead_of(error: Error, found: Option<Foreign>) -> Error {
 }
 
 /// Formats by their first bytes.
-const MAGIC: [(&[u8], &str, &str); 17] = [
-    (b"PAR1", "a Parquet file, as Argoverse 2 has them", CONVERT),
+const MAGIC: [(&[u8], &str, &str); 16] = [
     (b"ARROW1", "an Arrow file", CONVERT),
     (b"SQLite format 3\0", "an SQLite database, as nuPlan has them", CONVERT),
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", CONVERT),
@@ -153,7 +152,10 @@ fn of_json(body: &[u8]) -> Foreign {
     let has = |key: &[u8]| contains(body, key);
     let found = |what, remedy| Foreign { what, remedy };
     if has(b"\"drivable_areas\"") || has(b"\"lane_segments\"") {
-        return found("a map of Argoverse 2 (JSON), without road users", CONVERT);
+        return found(
+            "a map of Argoverse 2 (JSON), without road users",
+            "give its folder, or the scenario_….parquet file beside it",
+        );
     }
     if has(b"\"run_hash\"") {
         return found(

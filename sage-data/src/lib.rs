@@ -19,6 +19,7 @@
 //! # Ok::<(), sage_data::Error>(())
 //! ```
 
+mod argoverse2;
 pub mod checks;
 mod contradictions;
 pub mod dataset;
@@ -28,6 +29,7 @@ mod foreign;
 mod format;
 mod gpudrive;
 mod gzip;
+mod json;
 mod lane_links;
 mod lane_polygon;
 mod map_in_order;

@@ -9,11 +9,12 @@ use std::{
 use sage_core::{
     files::{self, Existing},
     geometry::distance,
+    motion::{HORIZON, NOW},
     scene::{Scene, TrackKind},
 };
 
 use crate::{
-    Error, Format, ReadOptions, foreign,
+    Error, Format, ReadOptions, argoverse2, foreign,
     gpudrive::{self, EncodedGpuDrive},
     gzip, metadrive, native,
     pickle::Document,
@@ -123,6 +124,8 @@ pub enum Source {
     Record(Document),
     /// A scene of GPUDrive, as MetaDrive values without summaries.
     GpuDrive(Document),
+    /// A scenario of Argoverse 2, as such values.
+    Argoverse2(Document),
     /// No file: the scene is procedural.
     Procedural,
 }
@@ -164,6 +167,9 @@ impl Recording {
         if format == Some(Format::GpuDrive) {
             return Self::of_gpudrive(path, &bytes, options);
         }
+        if format == Some(Format::Parquet) {
+            return Self::of_argoverse2(path, bytes, options);
+        }
         let found = if format.is_none() { foreign::of_bytes(&bytes) } else { None };
         if format == Some(Format::Native) {
             let scene = native::decode(&bytes, options, path)?;
@@ -180,6 +186,21 @@ impl Recording {
         let mut scene = metadrive::decode(&source, options, path)?.scene;
         scene.notes.extend(notes);
         Self::checked(path, scene, Source::GpuDrive(source), options)
+    }
+
+    fn of_argoverse2(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Result<Self, Error> {
+        let mut options = options.clone();
+        let now = *options.now.get_or_insert(argoverse2::DEFAULT_NOW);
+        let made = argoverse2::document(path, bytes, &options)?;
+        let mut scene = metadrive::decode(&made.document, &options, path)?.scene;
+        let category = |id: &str| made.categories.get(id).copied().unwrap_or(0);
+        (scene.adversary, scene.adversary_origin) = argoverse2::adversary(&scene, category);
+        scene.notes.extend(made.notes);
+        if scene.frames < NOW + 1 + HORIZON {
+            let left = scene.frames - NOW - 1;
+            scene.notes.push(format!("with frame {now} as now, {left} of {HORIZON} frames follow"));
+        }
+        Self::checked(path, scene, Source::Argoverse2(made.document), &options)
     }
 
     fn checked(path: &Path, mut scene: Scene, source: Source, options: &ReadOptions) -> Result<Self, Error> {
@@ -237,7 +258,7 @@ impl Recording {
     pub fn document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
         Ok(match &self.source {
             Source::Pickle(document) => Some(Cow::Borrowed(document)),
-            Source::Record(document) | Source::GpuDrive(document) => {
+            Source::Record(document) | Source::GpuDrive(document) | Source::Argoverse2(document) => {
                 let mut document = document.clone();
                 metadrive::complete(&mut document);
                 Some(Cow::Owned(document))
@@ -252,7 +273,9 @@ impl Recording {
     /// *Errors*: a native file whose source is damaged.
     pub fn dataset(&self) -> Result<Option<String>, Error> {
         let document = match &self.source {
-            Source::Record(document) | Source::GpuDrive(document) => Cow::Borrowed(document),
+            Source::Record(document) | Source::GpuDrive(document) | Source::Argoverse2(document) => {
+                Cow::Borrowed(document)
+            }
             _ => match self.document()? {
                 Some(document) => document,
                 None => return Ok(Some(metadrive::PROCEDURAL_DATASET.to_owned())),

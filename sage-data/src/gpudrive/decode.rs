@@ -13,6 +13,7 @@ use super::{
 };
 use crate::{
     Error, ReadOptions,
+    json::explained,
     metadrive::Values,
     pickle::{Document, Id},
     repairs::Repair,
@@ -34,7 +35,8 @@ pub(crate) fn document(
     options: &ReadOptions,
 ) -> Result<(Document, Vec<String>), Error> {
     let body = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let Of(file) = serde_json::from_slice::<Of<File>>(body).map_err(|error| explained(path, body, error))?;
+    let Of(file) =
+        serde_json::from_slice::<Of<File>>(body).map_err(|error| explained::<Of<File>>(path, body, error))?;
     let wrong = |field: &str, found: String, expected: &str| Error::Field {
         path: path.to_owned(),
         field: field.to_owned(),
@@ -101,26 +103,6 @@ pub(crate) fn document(
     document.set_root(root);
     document.set_file_size(body.len());
     Ok((document, notes))
-}
-
-/// The error of a file that is not read, with the place of the value. The file is read once more to find it.
-fn explained(path: &Path, body: &[u8], error: serde_json::Error) -> Error {
-    let mut reader = serde_json::Deserializer::from_slice(body);
-    let located = serde_path_to_error::deserialize::<_, Of<File>>(&mut reader);
-    let field = located.err().map_or(String::new(), |error| error.path().to_string());
-    // As in other errors: objects/3/position.
-    let field = field.replace('[', ".").replace([']'], "").replace('.', "/");
-    let line = body.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
-    let at = &line[error.column().saturating_sub(1).min(line.len())..];
-    let is_number = ["NaN", "Infinity", "-Infinity", "aN", "nfinity", "I"]
-        .iter()
-        .any(|word| at.starts_with(word.as_bytes()));
-    let problem = match is_number {
-        true => format!("{error}: NaN and Infinity are no JSON; a finite number is expected"),
-        false => error.to_string(),
-    };
-    let field = if field == "/" { String::new() } else { field };
-    Error::Json { path: path.to_owned(), field, problem }
 }
 
 /// The id of the road user or road with a number.

@@ -16,6 +16,11 @@ impl Document {
         Span { start, len: 8 * numbers.len() as u32 }
     }
 
+    /// Bytes that the values take, about: as a file of them would.
+    pub(crate) fn values_size(&self) -> usize {
+        self.bytes.len()
+    }
+
     /// A new int.
     pub(crate) fn new_int(&mut self, value: usize) -> Id {
         self.push(Node::Int(value as i64))

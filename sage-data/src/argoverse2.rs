@@ -1,0 +1,80 @@
+//! Scenarios of Argoverse 2 motion forecasting: `scenario_<id>.parquet` with `log_map_archive_<id>.json` beside it.
+//!
+//! A scenario becomes MetaDrive values and goes through the decoder that pickles go through. It has no sizes, heights of road
+//! users, lights or speed limits; road edges are derived from the drivable areas. `docs/formats.md` says what is read.
+
+mod decode;
+mod edges;
+mod lanes;
+mod map_file;
+mod pages;
+mod rows;
+
+use std::path::{Path, PathBuf};
+
+use sage_core::{
+    motion::{HISTORY, NOW},
+    scene::{AdversaryOrigin, Scene, Track, TrackKind, select_adversary},
+};
+
+pub(crate) use decode::document;
+
+/// Name of the data set in MetaDrive values.
+const DATASET: &str = "argoverse2";
+/// Frame of a file that is *now* unless the user names another: the scene is then the frames 10 to 100, because positions at
+/// both ends of a recording disagree with its velocities.
+pub(crate) const DEFAULT_NOW: usize = 20;
+/// Least distance that an adversary covers, metres.
+const MOVES: f64 = 2.0;
+
+/// True if a file is a Parquet file.
+pub(crate) fn is_parquet(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"PAR1")
+}
+
+/// True if a file is named like a scenario.
+pub(crate) fn is_scenario_name(name: &str) -> bool {
+    name.starts_with("scenario_") && name.ends_with(".parquet")
+}
+
+/// Path of a scenario for names of outputs: `<id>` for `<id>/scenario_<id>.parquet`.
+pub(crate) fn plain_path(path: &Path) -> Option<PathBuf> {
+    let name = path.file_name()?.to_str()?;
+    let id = name.strip_suffix(".parquet").filter(|_| is_scenario_name(name))?.strip_prefix("scenario_")?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    match folder.file_name().is_some_and(|folder| folder == id) {
+        true => Some(folder.to_owned()),
+        false => Some(folder.join(id)),
+    }
+}
+
+/// The adversary of a scenario: by the rule of all scenes among the vehicles that the data set scores, then among the unscored
+/// ones; never a fragment. It covers 2 m and is there in all frames.
+pub(crate) fn adversary(scene: &Scene, category: impl Fn(&str) -> i64) -> (Option<usize>, AdversaryOrigin) {
+    let moves = |track: &Track| {
+        let ends =
+            track.valid.iter().position(|valid| *valid).zip(track.valid.iter().rposition(|valid| *valid));
+        let [a, b] = ends.map_or([[0.0; 2]; 2], |(first, last)| [track.point(first), track.point(last)]);
+        (b[0] - a[0]).hypot(b[1] - a[1]) > MOVES
+    };
+    let is_whole = |track: &Track| {
+        track.count_valid(0..HISTORY) == HISTORY && track.count_valid(NOW..scene.frames) == scene.frames - NOW
+    };
+    for of in [&[3, 2][..], &[1]] {
+        let may = |k: &usize| {
+            let track = &scene.tracks[*k];
+            *k == scene.ego
+                || track.kind == TrackKind::Vehicle
+                    && of.contains(&category(&track.id))
+                    && is_whole(track)
+                    && moves(track)
+        };
+        let chosen: Vec<usize> = (0..scene.tracks.len()).filter(may).collect();
+        let tracks: Vec<Track> = chosen.iter().map(|k| scene.tracks[*k].clone()).collect();
+        let ego = chosen.iter().position(|k| *k == scene.ego).unwrap_or(0);
+        if let (Some(found), origin) = select_adversary(&tracks, ego) {
+            return (Some(chosen[found]), origin);
+        }
+    }
+    (None, AdversaryOrigin::None)
+}

@@ -5,6 +5,7 @@
 
 mod decode;
 mod edges;
+mod guarded;
 mod lanes;
 mod map_file;
 mod pages;

@@ -31,7 +31,7 @@ const MOST_CORNERS: usize = 20_000;
 /// Most places at which outlines of drivable areas cross.
 const MOST_CROSSINGS: usize = 20_000;
 /// Most frames that the road users take together: a road user of one row has a place in each frame.
-const MOST_FRAMES: usize = 400_000;
+const MOST_FRAMES: usize = 150_000;
 /// Name of the ego.
 const EGO: &str = "AV";
 
@@ -71,7 +71,7 @@ pub(crate) fn document(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Re
     let frames = frames(&rows, path)?;
     if rows.users.len().saturating_mul(frames) > MOST_FRAMES {
         let found = format!("{} road users in {frames} steps", rows.users.len());
-        return Err(wrong("track_id", found, "at most 400000 places of road users in steps"));
+        return Err(wrong("track_id", found, "at most 150000 places of road users in steps"));
     }
     let mut values = Values::with_capacity(size + text.len());
     let mut notes = Vec::new();

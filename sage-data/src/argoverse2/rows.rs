@@ -11,7 +11,7 @@ use parquet::{
     },
 };
 
-use super::pages::decompressed_size;
+use super::{guarded::guarded, pages::decompressed_size};
 
 /// Most rows. Real files have 2 000 to 30 000.
 const MOST_ROWS: usize = 200_000;
@@ -51,6 +51,10 @@ const MOTION: [&str; 5] = ["position_x", "position_y", "heading", "velocity_x", 
 ///
 /// *Errors*: the column, and what is wrong with it.
 pub(super) fn read(bytes: Vec<u8>) -> Result<Rows, Problem> {
+    guarded(|| read_columns(bytes)).unwrap_or_else(|| Err(Problem::file("it is damaged".to_owned())))
+}
+
+fn read_columns(bytes: Vec<u8>) -> Result<Rows, Problem> {
     let file = Bytes::from(bytes);
     let reader = SerializedFileReader::new(file.clone()).map_err(|error| Problem::file(error.to_string()))?;
     let metadata = reader.metadata();
@@ -109,7 +113,7 @@ pub(super) struct Problem {
 impl Problem {
     fn file(found: String) -> Self {
         Self {
-            column: String::new(),
+            column: "(file)".to_owned(),
             found: format!("no scenario that can be read ({})", found.replace('\n', " ")),
             expected: "a Parquet file of Argoverse 2 motion forecasting".to_owned(),
         }
@@ -125,12 +129,12 @@ fn check(file: &Bytes, metadata: &ParquetMetaData) -> Result<(), Problem> {
     let rows: i64 =
         metadata.row_groups().iter().map(|group| group.num_rows().max(0)).fold(0, i64::saturating_add);
     if rows > MOST_ROWS as i64 {
-        return Err(Problem::column("", format!("{rows} rows"), "at most 200000, as a scenario has"));
+        return Err(Problem::column("(rows)", format!("{rows} rows"), "at most 200000, as a scenario has"));
     }
     let mut bytes = 0u64;
     for group in metadata.row_groups() {
         if group.num_rows() < 0 {
-            return Err(Problem::column("", "a negative number of rows", "a whole file"));
+            return Err(Problem::column("(rows)", "a negative number of rows", "a whole file"));
         }
         for column in group.columns() {
             let name = column.column_path().string();

@@ -11,8 +11,6 @@ mod map_file;
 mod pages;
 mod rows;
 
-use std::path::{Path, PathBuf};
-
 use sage_core::{
     motion::{HISTORY, NOW},
     scene::{AdversaryOrigin, Scene, Track, TrackKind, select_adversary},
@@ -27,27 +25,6 @@ const DATASET: &str = "argoverse2";
 pub(crate) const DEFAULT_NOW: usize = 20;
 /// Least distance that an adversary covers, metres.
 const MOVES: f64 = 2.0;
-
-/// True if a file is a Parquet file.
-pub(crate) fn is_parquet(bytes: &[u8]) -> bool {
-    bytes.starts_with(b"PAR1")
-}
-
-/// True if a file is named like a scenario.
-pub(crate) fn is_scenario_name(name: &str) -> bool {
-    name.starts_with("scenario_") && name.ends_with(".parquet")
-}
-
-/// Path of a scenario for names of outputs: `<id>` for `<id>/scenario_<id>.parquet`.
-pub(crate) fn plain_path(path: &Path) -> Option<PathBuf> {
-    let name = path.file_name()?.to_str()?;
-    let id = name.strip_suffix(".parquet").filter(|_| is_scenario_name(name))?.strip_prefix("scenario_")?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    match folder.file_name().is_some_and(|folder| folder == id) {
-        true => Some(folder.to_owned()),
-        false => Some(folder.join(id)),
-    }
-}
 
 /// The adversary of a scenario: by the rule of all scenes among the vehicles that the data set scores, then among the unscored
 /// ones; never a fragment. It covers 2 m and is there in all frames.

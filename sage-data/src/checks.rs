@@ -9,7 +9,7 @@ use sage_core::{
 use serde::Serialize;
 
 pub use crate::warning::Warning;
-use crate::{contradictions, repairs::Repair};
+use crate::{Capabilities, contradictions, repairs::Repair};
 
 /// Height difference above which two roads are on different levels, metres.
 const LEVEL: f64 = 3.0;
@@ -55,6 +55,8 @@ pub struct Summary {
     pub adversary_future: usize,
     /// Frames after *now* that are recorded, at most 80: those on which attacks are scored.
     pub horizon: usize,
+    /// What its map and road users have.
+    pub capabilities: Capabilities,
     /// Warnings about the scene.
     pub warnings: Vec<Warning>,
     /// Hash of the content; equal for one scene under several names.
@@ -86,6 +88,7 @@ impl Summary {
             adversary_history: valid(0..HISTORY),
             adversary_future: valid(NOW + 1..NOW + 1 + HORIZON),
             horizon: scene.horizon(),
+            capabilities: Capabilities::of(scene),
             warnings: warnings(scene),
             content: scene.content_hash(),
         }

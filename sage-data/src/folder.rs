@@ -7,8 +7,9 @@ use std::{
 };
 
 use crate::{
-    Error, argoverse2, gpudrive,
+    Error, gpudrive,
     map_in_order::map_in_order,
+    parquet_files,
     pickle::{Document, PickleProblem},
     recording, womd,
 };
@@ -126,13 +127,13 @@ fn is_scene_file(name: &str, path: &Path) -> bool {
     let is_named = ENDINGS.iter().any(|ending| name.ends_with(ending)) && !name.starts_with("dataset_");
     is_named
         || womd::is_shard_name(path)
-        || argoverse2::is_scenario_name(name)
+        || parquet_files::is_scenario_name(name)
         || gpudrive::is_scene_file(path)
 }
 
 /// A path without the ending of its file.
 pub(crate) fn without_ending(path: &Path) -> PathBuf {
-    if let Some(plain) = argoverse2::plain_path(path).filter(|plain| plain.file_name().is_some()) {
+    if let Some(plain) = parquet_files::plain_path(path).filter(|plain| plain.file_name().is_some()) {
         return plain;
     }
     let plain = path.with_extension("");

@@ -1,7 +1,7 @@
 //! Formats of scene files, detected by their first bytes.
 
 use crate::{
-    argoverse2, gpudrive,
+    gpudrive, parquet_files,
     pickle::{self, Walk},
     womd,
 };
@@ -43,7 +43,7 @@ impl Format {
             _ if womd::begins_with_record(bytes) => Some(Self::TfRecord),
             // The length of the header in eight bytes, followed by its opening brace. No header has 4 GiB.
             [_, _, _, _, 0, 0, 0, 0, b'{', ..] => Some(Self::Native),
-            _ if argoverse2::is_parquet(bytes) => Some(Self::Parquet),
+            _ if parquet_files::is_parquet(bytes) => Some(Self::Parquet),
             _ if walk == Walk::Ends => Some(Self::Pickle),
             // Before native files, whose brace may follow eight other bytes.
             _ if gpudrive::begins_scene(bytes) => Some(Self::GpuDrive),

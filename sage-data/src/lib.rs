@@ -19,7 +19,9 @@
 //! # Ok::<(), sage_data::Error>(())
 //! ```
 
+#[cfg(feature = "argoverse2")]
 mod argoverse2;
+mod capabilities;
 pub mod checks;
 mod contradictions;
 pub mod dataset;
@@ -33,11 +35,13 @@ mod json;
 mod lane_links;
 mod lane_polygon;
 mod map_in_order;
+mod map_limits;
 pub mod metadrive;
 mod names;
 mod native;
 pub mod opendrive;
 pub mod openscenario;
+mod parquet_files;
 pub mod pickle;
 pub mod procedural;
 mod reading;
@@ -50,6 +54,7 @@ mod warning;
 pub mod womd;
 mod xml;
 
+pub use capabilities::Capabilities;
 pub use error::Error;
 pub use format::Format;
 pub use gpudrive::EncodedGpuDrive;

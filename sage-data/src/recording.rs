@@ -2,21 +2,18 @@
 
 use std::{
     borrow::Cow,
-    collections::HashMap,
     path::{Path, PathBuf},
 };
 
 use sage_core::{
     files::{self, Existing},
-    geometry::distance,
-    motion::{HORIZON, NOW},
     scene::{Scene, TrackKind},
 };
 
 use crate::{
-    Error, Format, ReadOptions, argoverse2, foreign,
+    Error, Format, ReadOptions, foreign,
     gpudrive::{self, EncodedGpuDrive},
-    gzip, metadrive, native,
+    gzip, map_limits, metadrive, native,
     pickle::Document,
     repairs::{Decoded, Repair},
     variants::PROVENANCE,
@@ -25,16 +22,6 @@ use crate::{
 
 /// Size limit of a scene file, bytes. The largest public ones have 2 MB.
 pub const MAX_SCENE_FILE: u64 = 256 << 20;
-
-/// Limit of the total length of the lines of a map, metres. None of 30 public maps has more than 21 km.
-/// Without a limit a small file could make every search among lines slow.
-const MAX_LINES: f64 = 16e6;
-
-/// Side of the squares in which points of a map are counted, metres.
-const SQUARE: f64 = 4.0;
-/// Limit of the number of points of a map in a square. None of 430 recorded maps has more than 83. Without a limit
-/// thousands of lines could lie below one car, and every test of a car against the map would look at all of them.
-const MOST_POINTS: u32 = 4000;
 
 /// A scene and its source.
 #[derive(Clone, Debug)]
@@ -47,70 +34,6 @@ pub struct Recording {
     pub source: Source,
     /// How it was read.
     pub options: ReadOptions,
-}
-
-/// Refuses a map whose lines exceed [`MAX_LINES`].
-fn check_lines(scene: &Scene, path: &Path) -> Result<(), Error> {
-    let map = &scene.map;
-    if bound_of_lines(&map.points) <= MAX_LINES {
-        return Ok(());
-    }
-    let lines = map.features.iter().flat_map(|feature| map.points[feature.points.clone()].windows(2));
-    let length: f64 = lines.map(|w| distance([w[0][0], w[0][1]], [w[1][0], w[1][1]])).sum();
-    if length <= MAX_LINES {
-        return Ok(());
-    }
-    Err(Error::Field {
-        path: path.to_owned(),
-        field: "map_features".to_owned(),
-        found: format!("lines of {:.0} km in total", 1e-3 * length),
-        expected: format!("at most {:.0} km", 1e-3 * MAX_LINES),
-    })
-}
-
-/// Refuses a map with more than [`MOST_POINTS`] points in a square.
-fn check_density(scene: &Scene, path: &Path) -> Result<(), Error> {
-    let points = &scene.map.points;
-    let square = |p: &[f64; 3]| [p[0], p[1]].map(|x| (x / SQUARE).floor() as i64);
-    // Squares that share a slot count together: if no slot is full, no square is.
-    let mut slots = [0u32; 4096];
-    let slot = |[x, y]: [i64; 2]| (x.wrapping_mul(73) ^ y.wrapping_mul(179)) as usize % 4096;
-    points.iter().for_each(|p| slots[slot(square(p))] += 1);
-    if slots.iter().all(|count| *count <= MOST_POINTS) {
-        return Ok(());
-    }
-    let mut squares: HashMap<[i64; 2], u32> = HashMap::new();
-    points.iter().for_each(|p| *squares.entry(square(p)).or_default() += 1);
-    let Some((at, count)) = squares.into_iter().max_by_key(|(at, count)| (*count, *at)) else {
-        return Ok(());
-    };
-    if count <= MOST_POINTS {
-        return Ok(());
-    }
-    let [x, y] = at.map(|k| k as f64 * SQUARE);
-    Err(Error::Field {
-        path: path.to_owned(),
-        field: "map_features".to_owned(),
-        found: format!("{count} points within {SQUARE} m of [{x}, {y}]"),
-        expected: format!("at most {MOST_POINTS} points in a square of {SQUARE} m"),
-    })
-}
-
-/// Upper bound on the total length of the lines, fast to compute: the sum of the steps along each axis,
-/// including the steps from one feature to the next.
-fn bound_of_lines(points: &[[f64; 3]]) -> f64 {
-    let from = points.as_flattened();
-    let to = from.get(3..).unwrap_or_default();
-    let (mut from, mut to) = (from[..to.len()].chunks_exact(8), to.chunks_exact(8));
-    // Eight independent sums, because each addition depends on the previous one.
-    let mut sums = [0.0f64; 8];
-    for (from, to) in from.by_ref().zip(to.by_ref()) {
-        for lane in 0..8 {
-            sums[lane] += (to[lane] - from[lane]).abs();
-        }
-    }
-    let rest: f64 = from.remainder().iter().zip(to.remainder()).map(|(a, b)| (b - a).abs()).sum();
-    sums.iter().sum::<f64>() + rest
 }
 
 /// Source of a scene.
@@ -168,7 +91,7 @@ impl Recording {
             return Self::of_gpudrive(path, &bytes, options);
         }
         if format == Some(Format::Parquet) {
-            return Self::of_argoverse2(path, bytes, options);
+            return Self::of_parquet(path, bytes, options);
         }
         let found = if format.is_none() { foreign::of_bytes(&bytes) } else { None };
         if format == Some(Format::Native) {
@@ -188,7 +111,12 @@ impl Recording {
         Self::checked(path, scene, Source::GpuDrive(source), options)
     }
 
-    fn of_argoverse2(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Result<Self, Error> {
+    #[cfg(feature = "argoverse2")]
+    fn of_parquet(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Result<Self, Error> {
+        use sage_core::motion::{HORIZON, NOW};
+
+        use crate::argoverse2;
+
         let mut options = options.clone();
         let now = *options.now.get_or_insert(argoverse2::DEFAULT_NOW);
         let made = argoverse2::document(path, bytes, &options)?;
@@ -203,9 +131,18 @@ impl Recording {
         Self::checked(path, scene, Source::Argoverse2(made.document), &options)
     }
 
+    #[cfg(not(feature = "argoverse2"))]
+    fn of_parquet(path: &Path, _: Vec<u8>, _: &ReadOptions) -> Result<Self, Error> {
+        let found = "a Parquet file, as Argoverse 2 has them";
+        Err(Error::OtherFormat {
+            path: path.to_owned(),
+            found,
+            remedy: "this program was built without the feature `argoverse2`, which reads it",
+        })
+    }
+
     fn checked(path: &Path, mut scene: Scene, source: Source, options: &ReadOptions) -> Result<Self, Error> {
-        check_lines(&scene, path)?;
-        check_density(&scene, path)?;
+        map_limits::check(&scene, path)?;
         if let Some(id) = options.ego_track.as_deref().filter(|id| scene.ego().id != *id) {
             let wrong = |problem: String| Error::Field {
                 path: path.to_owned(),
@@ -436,37 +373,4 @@ fn read_with(
         std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MAX_SCENE_FILE },
         _ => Error::Read { path: path.to_owned(), source },
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_map_with_many_points_in_one_place_is_refused() {
-        use sage_core::scene::{MapFeature, MapKind};
-        let mut scene = crate::procedural::generate(crate::procedural::Kind::Straight, 0, 0).unwrap();
-        let with = |scene: &mut Scene, count: usize, step: f64| {
-            let map = std::sync::Arc::make_mut(&mut scene.map);
-            let first = map.points.len();
-            map.points.extend((0..count).map(|k| [step * k as f64, 500.0, 0.0]));
-            let points = first..map.points.len();
-            map.features.push(MapFeature { id: "many".into(), kind: MapKind::StopSign, points, lane: None });
-        };
-        with(&mut scene, 30_000, 0.01);
-        check_density(&scene, Path::new("x")).unwrap();
-        with(&mut scene, 4001, 1e-6);
-        let error = check_density(&scene, Path::new("x")).unwrap_err().to_string();
-        assert!(error.contains("at most 4000 points in a square of 4 m"), "{error}");
-    }
-
-    #[test]
-    fn the_bound_of_lines_is_the_sum_of_steps_along_the_axes() {
-        for n in 0..40 {
-            let points: Vec<[f64; 3]> = (0..n).map(|k| [f64::from(k * k), f64::from(-3 * k), 0.0]).collect();
-            let step = |w: &[[f64; 3]]| (w[1][0] - w[0][0]).abs() + (w[1][1] - w[0][1]).abs();
-            let expected: f64 = points.windows(2).map(step).sum();
-            assert_eq!(bound_of_lines(&points), expected, "{n} points");
-        }
-    }
 }

@@ -153,6 +153,19 @@ fn message_mutants_are_refused_or_scenes() {
 }
 
 #[test]
+fn json_mutants_are_refused_or_scenes() {
+    let mutator = Mutator::new(mutation::scenes());
+    let (mut scenes, mut refused) = (0, 0);
+    for number in 0..1_000 {
+        match mutation::read(&mutator.make_json(number)).0 {
+            Outcome::Scene => scenes += 1,
+            Outcome::Refused => refused += 1,
+        }
+    }
+    assert!(scenes > 100 && refused > 400, "{scenes} scenes, {refused} refused");
+}
+
+#[test]
 fn searches_and_copies_of_shared_values_are_limited() {
     for number in 0.. {
         let mutant = mutation::crafted::repeated(number);

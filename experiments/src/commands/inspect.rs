@@ -197,6 +197,7 @@ impl<W: Write> Report<W> {
             writeln!(self.out, "{line}")?;
         }
         if self.single {
+            writeln!(self.out, "    {}", summary.capabilities)?;
             for warning in &summary.warnings {
                 writeln!(self.out, "    {}", terminal::escaped_name(&warning.to_string()))?;
             }

@@ -17,6 +17,7 @@ impl Document {
     }
 
     /// Bytes that the values take, about: as a file of them would.
+    #[cfg(feature = "argoverse2")]
     pub(crate) fn values_size(&self) -> usize {
         self.bytes.len()
     }

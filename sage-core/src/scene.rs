@@ -69,6 +69,11 @@ pub enum AdversaryOrigin {
     None,
 }
 
+/// Stands for the road user that a data set was recorded for, if no road user has this id.
+pub const FOCAL: &str = "focal";
+/// Start of the note that names that road user.
+pub const FOCAL_NOTE: &str = "the data set was recorded for the track ";
+
 impl Scene {
     /// Number of steps after *now* that are recorded, at most [`HORIZON`]: the steps on which a trajectory is
     /// scored and driven.
@@ -145,7 +150,12 @@ impl Scene {
     ///
     /// *Errors*: [`Error::Scene`] if there is none.
     pub fn track_index(&self, id: &str) -> Result<usize, Error> {
-        self.tracks.iter().position(|t| t.id == id).ok_or_else(|| {
+        let position = |id: &str| self.tracks.iter().position(|track| track.id == id);
+        let focal = || {
+            let mut noted = self.notes.iter().filter_map(|note| note.strip_prefix(FOCAL_NOTE));
+            noted.next().filter(|_| id == FOCAL).and_then(position)
+        };
+        position(id).or_else(focal).ok_or_else(|| {
             let left_out = self.notes.iter().find(|note| note.contains(&format!("track `{id}` is ")));
             Error::Scene {
                 scene: self.id.clone(),

@@ -148,7 +148,7 @@ pub(crate) struct AttackArgs {
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
     #[arg(long, help_heading = SELECTION, value_name = "NAME", default_value = "natural")]
     pub selection: String,
-    /// Use this track as the adversary.
+    /// Use this track as the adversary; `focal` is the one that a scenario of Argoverse 2 was recorded for.
     #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
     /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder (default: procedural).

@@ -10,7 +10,8 @@ use std::{
 use sage_core::{
     motion::{HISTORY, MAX_COORDINATE},
     scene::{
-        AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, TrafficLight,
+        AdversaryOrigin, Boundary, FOCAL_NOTE, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene,
+        TrafficLight,
     },
 };
 
@@ -56,6 +57,9 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
     let ego = index(&ego_name).ok_or_else(|| fields.wrong(&ego_field, ego_id, "the id of a track"))?;
     let named = named.as_ref().and_then(index);
     let now_index = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id));
+    if let Some(id) = fields.optional(metadata, "focal_track_id").and_then(|id| document.text(id)) {
+        notes.extend((!id.is_empty()).then(|| format!("{FOCAL_NOTE}{id}")));
+    }
     let sample_rate =
         fields.optional(metadata, "sample_rate").or_else(|| fields.optional(top, "sample_rate"));
     let sample_rate = sample_rate.and_then(|id| document.number(id));

@@ -15,7 +15,10 @@ use super::fields::{Field, Fields};
 use crate::{
     Error,
     pickle::{Id, Node},
-    repairs::{Repair, sizes::default_size},
+    repairs::{
+        Repair,
+        sizes::{default_size, size_of_type},
+    },
 };
 
 /// Number of left-out tracks that a note each names; the rest are counted.
@@ -60,14 +63,14 @@ pub(super) fn tracks(
             return Err(fields.error(&field, "an id that occurs twice", "one track per id"));
         }
         match track(fields, *value, &field, name.clone(), frames) {
-            Ok((mut track, has_size)) => {
+            Ok((mut track, without)) => {
                 if swap_sizes(&mut track) {
                     notes.push(format!(
                         "track `{name}`: length and width were swapped in the file; swapped back"
                     ));
                 }
-                if !has_size {
-                    *without_size.entry(track.kind.name().to_owned()).or_default() += 1;
+                if let Some(kind) = without {
+                    *without_size.entry(kind).or_default() += 1;
                 }
                 tracks.push(track);
             }
@@ -88,7 +91,7 @@ pub(super) fn tracks(
         notes.push(Repair::TrackLeftOut.note(text));
     }
     for (kind, count) in without_size {
-        let [length, width, height] = default_size(&TrackKind::from_name(&kind));
+        let [length, width, height] = size_of_type(&kind);
         let tracks = if count == 1 { "1 track" } else { &format!("{count} tracks") };
         let text =
             format!("{tracks} of type {kind} without a size: {length} × {width} × {height} m is assumed");
@@ -97,19 +100,22 @@ pub(super) fn tracks(
     Ok(tracks)
 }
 
-/// A track, and whether the file gives its size.
+/// A track, and its type if the file gives no size.
 fn track(
     fields: &Fields,
     id: Id,
     field: &Field,
     name: String,
     frames: usize,
-) -> Result<(Track, bool), Error> {
+) -> Result<(Track, Option<String>), Error> {
     let kind = fields.required(id, field, "type", "VEHICLE, PEDESTRIAN, CYCLIST, …")?;
-    let kind = TrackKind::from_name(match fields.document.node(kind) {
+    let word = match fields.document.node(kind) {
         Node::None => TrackKind::UNSET,
         _ => fields.word(kind, &field.key("type"))?,
-    });
+    };
+    let kind = TrackKind::from_name(word);
+    // A bus is a vehicle of another size.
+    let own = if size_of_type(word) == default_size(&kind) { kind.name() } else { word };
     let state = fields.required(id, field, "state", "a dict of columns")?;
     let field = &field.key("state");
     let get = |key: &str, expected: &str| fields.required(state, field, key, expected);
@@ -126,7 +132,7 @@ fn track(
     let velocity = fields.valid_table::<2>(velocity, &field.key("velocity"), &[2, 3], &valid)?;
     let heading = get("heading", "one number per frame")?;
     let heading = fields.valid_column(heading, &field.key("heading"), &valid)?;
-    let (size, has_size) = sizes(fields, state, field, &kind, &valid)?;
+    let (size, has_size) = sizes(fields, state, field, own, &valid)?;
     for (axis, key) in ["length", "width", "height"].into_iter().enumerate() {
         // A height of 0 is how files write that it is not known.
         let is_wrong = |x: f64| if axis == 2 { x < 0.0 } else { x <= 0.0 };
@@ -140,7 +146,8 @@ fn track(
             ));
         }
     }
-    Ok((Track { id: name, kind, position, heading, velocity, size, valid }, has_size))
+    let without = (!has_size).then(|| own.to_owned());
+    Ok((Track { id: name, kind, position, heading, velocity, size, valid }, without))
 }
 
 /// Length, width and height per frame: from a column each, from one column `size`, or from a number each. Without any,
@@ -149,7 +156,7 @@ fn sizes(
     fields: &Fields,
     state: Id,
     field: &Field,
-    kind: &TrackKind,
+    kind: &str,
     valid: &[bool],
 ) -> Result<(Vec<[f64; 3]>, bool), Error> {
     let [length, width, height] = ["length", "width", "height"].map(|key| fields.optional(state, key));
@@ -167,7 +174,7 @@ fn sizes(
             return Ok((rows, true));
         }
         fields.spend(field, size_of::<[f64; 3]>() * valid.len())?;
-        return Ok((vec![default_size(kind); valid.len()], false));
+        return Ok((vec![size_of_type(kind); valid.len()], false));
     }
     let column = |key: &str, id: Option<Id>| -> Result<Vec<f64>, Error> {
         let field = field.key(key);

@@ -163,7 +163,7 @@ pub fn parquet(rows: &[Row], shape: &Shape) -> Vec<u8> {
                     column.typed::<ByteArrayType>().write_batch(&texts(&|_| ID.to_owned()), levels, None)
                 }
                 "focal_track_id" => {
-                    column.typed::<ByteArrayType>().write_batch(&texts(&|_| "1".to_owned()), levels, None)
+                    column.typed::<ByteArrayType>().write_batch(&texts(&|_| "5".to_owned()), levels, None)
                 }
                 "object_category" | "timestep" => {
                     let all = integers(&|row| if *name == "timestep" { row.3 } else { row.2 });

@@ -10,6 +10,7 @@ use anyhow::Result;
 use sage_core::scene::Scene;
 use sage_data::{
     checks::{Duplicates, Summary},
+    folder,
     stream::{Inputs, Item, map_in_order},
     womd::is_record_path,
 };
@@ -59,10 +60,11 @@ struct Found {
 fn scene_name(item: &Item) -> String {
     let path = item.path();
     let is_record = item.shard().is_some() || is_record_path(path);
-    let name = if is_record { path.file_name() } else { path.file_stem() };
+    let whole = || path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     match path.to_str() {
         Some("-") => "stdin".to_owned(),
-        _ => name.unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+        _ if is_record => whole(),
+        _ => folder::scene_name(path).unwrap_or_else(|_| whole()),
     }
 }
 

@@ -219,15 +219,12 @@ fn tracks(
         let track = values.dict([("type", kind), ("state", state), ("metadata", metadata)]);
         tracks.push((name, track));
     }
-    for (kind, count) in assumed {
+    let sizes = assumed.into_iter().map(|(kind, count)| {
         let [length, width, height] = size_of_type(kind);
-        let of = if count == 1 { "1 track" } else { &format!("{count} tracks") };
-        let text = format!(
-            "{of} of type {} without a size: {length} × {width} × {height} m is assumed",
-            kind.escape_debug()
-        );
-        notes.push(Repair::NoSize.note(text));
-    }
+        format!("{count} × {} {length} × {width} × {height} m", kind.escape_debug())
+    });
+    let sizes: Vec<String> = sizes.collect();
+    notes.push(Repair::NoSize.note(format!("the format has no sizes; assumed are {}", sizes.join(", "))));
     Ok(tracks)
 }
 

@@ -1,0 +1,26 @@
+//! Any bytes as the rows of a scenario of Argoverse 2, beside a whole map: an error, or a scene that every format keeps.
+#![no_main]
+
+use std::{path::PathBuf, sync::OnceLock};
+
+use sage_data::Recording;
+
+/// A file that does not exist, with a map beside it.
+fn scenario() -> PathBuf {
+    let folder = std::env::temp_dir().join("sage-fuzz-argoverse2");
+    let lane = r#"{"id": 1, "lane_type": "VEHICLE", "left_lane_boundary": [{"x": 0, "y": 2}, {"x": 99, "y": 2}],
+        "right_lane_boundary": [{"x": 0, "y": -2}, {"x": 99, "y": -2}]}"#;
+    let area = r#"{"area_boundary": [{"x": 0, "y": -4}, {"x": 0, "y": 4}, {"x": 99, "y": 4}, {"x": 99, "y": -4}]}"#;
+    let map = format!(r#"{{"lane_segments": {{"1": {lane}}}, "drivable_areas": {{"1": {area}}}}}"#);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::write(folder.join("log_map_archive_1.json"), map).expect("written");
+    folder.join("scenario_1.parquet")
+}
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    static PATH: OnceLock<PathBuf> = OnceLock::new();
+    if let Ok(recording) = Recording::from_bytes(PATH.get_or_init(scenario), bytes.to_vec()) {
+        let read = Recording::from_bytes("again".as_ref(), recording.to_pickle().expect("written"));
+        assert_eq!(read.expect("read").scene.tracks, recording.scene.tracks);
+    }
+});

@@ -46,6 +46,7 @@ fn inspect_shows_a_scene() {
     assert_snapshot!(stdout(&run), @r"
     scene              frames vehicles others  ego        adversary  future  warnings
     crossing               91        4      1  ego        crosser     80/80  one-point-lanes
+        has edges, lights, speed limits, heights, sizes; not recorded: medians
         one-point-lanes: 1 lane has a single point
     1 scene, 5 tracks, 963 map points; warnings: 1 one-point-lanes
     ");

@@ -244,6 +244,7 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
     scene              frames vehicles others  ego        adversary  future  warnings
     bad                    91        3      1  ego        crosser     80/80
         track-left-out, one-point-lanes
+        has edges, lights, speed limits, heights, sizes; not recorded: medians
         track-left-out: track `leader` is left out: `state/position/40` is NaN; expected a finite number within ±1e8
         one-point-lanes: 1 lane has a single point
     1 scene, 4 tracks, 963 map points; warnings: 1 one-point-lanes, 1 track-left-out

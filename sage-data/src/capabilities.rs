@@ -82,6 +82,6 @@ mod tests {
         scene.notes.push(Repair::NoSize.note("1 track"));
         let found = Capabilities::of(&scene);
         assert!(found.edges && !found.lights && !found.sizes, "{found:?}");
-        assert!(found.to_string().ends_with("heights, sizes"), "{found}");
+        assert!(found.to_string().ends_with("not recorded: medians, lights, sizes"), "{found}");
     }
 }

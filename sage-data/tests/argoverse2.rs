@@ -243,8 +243,20 @@ fn the_published_scenario_is_read_as_it_is() {
     assert_eq!((motor.len(), motor.iter().filter(|lane| is_cut(lane, &edges)).count()), (34, 0));
     let length: f64 = edges.iter().flat_map(|edge| sides(edge)).map(|[a, b]| distance(a, b)).sum();
     assert!(length > 500.0, "{length} m of edges");
-    let vehicles = scene.tracks.iter().filter(|track| track.kind == TrackKind::Vehicle);
-    let cut = vehicles.filter(|track| {
+    let vehicles = || scene.tracks.iter().filter(|track| track.kind == TrackKind::Vehicle);
+    let (mut boxes, mut touching, mut driven) = (0, 0, 0);
+    for track in vehicles() {
+        let moves = (0..91).any(|f| track.valid[f] && track.velocity[f][0].hypot(track.velocity[f][1]) > 1.0);
+        for frame in (0..91).filter(|frame| track.valid[*frame]) {
+            let area = track.oriented_box(frame);
+            let touches = edges.iter().any(|edge| sides(edge).any(|[a, b]| area.intersects_segment(a, b)));
+            (boxes, touching, driven) =
+                (boxes + 1, touching + usize::from(touches), driven + usize::from(touches && moves));
+        }
+    }
+    // Parked cars stand at the kerb.
+    assert_eq!((boxes, touching, driven), (1483, 279, 0));
+    let cut = vehicles().filter(|track| {
         let path: Vec<Point> = (0..91).filter(|f| track.valid[*f]).map(|f| track.point(f)).collect();
         is_cut(&path, &edges)
     });

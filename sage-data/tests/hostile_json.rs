@@ -194,6 +194,12 @@ fn deep_and_long_files_take_little_memory() {
     ] {
         assert!(error_of(text.as_bytes()).is_some());
     }
+    let twice = with("/tl_states", json!({})).replacen(
+        "\"tl_states\":{}",
+        r#""tl_states":{"1":{"state":[],"time_index":[]},"1":{"state":[],"time_index":[]}}"#,
+        1,
+    );
+    assert!(error_of(twice.as_bytes()).unwrap().contains("there twice"));
     // Every light has a state for each frame.
     let lights: Vec<String> =
         (0..60_000).map(|k| format!("\"{k}\":{{\"state\":[],\"time_index\":[]}}")).collect();

@@ -32,8 +32,8 @@ impl Reading {
     }
 }
 
-/// Reads a scene file of any format: a MetaDrive or ScenarioNet pickle, a native file, or a record of a TFRecord file of the
-/// Waymo Open Motion Dataset (`FILE#3`).
+/// Reads a scene file of any format: a MetaDrive or ScenarioNet pickle, a native file, a record of a TFRecord file of the
+/// Waymo Open Motion Dataset (`FILE#3`), JSON of GPUDrive, or a scenario of Argoverse 2 (Parquet).
 ///
 /// - `ego`, `adversary`: track ids, in place of those of the file.
 /// - `now`: the frame at 10 Hz that becomes now; the scene is then the window from 1 s before it to 8 s after it.

@@ -1,6 +1,9 @@
 //! Makes MetaDrive values of a file.
 
-use std::{collections::HashMap, path::Path};
+use std::{
+    collections::{HashMap, HashSet},
+    path::Path,
+};
 
 use sage_core::motion::{DT, NOW};
 
@@ -74,7 +77,12 @@ pub(crate) fn document(
         return Err(wrong("tl_states", found, "as many as a file of this size describes"));
     }
     let mut lights = Vec::with_capacity(signals.len());
+    let mut known = HashSet::new();
     for (lane, signal) in &signals {
+        if !known.insert(lane) {
+            let field = format!("tl_states/{}", lane.escape_debug());
+            return Err(wrong(&field, "there twice".to_owned(), "one light for each lane"));
+        }
         lights.push(reader.light(lane, signal, &mut values)?);
     }
     let lights = values.entries(lights);
@@ -349,12 +357,15 @@ impl Reader<'_> {
             .collect();
         let interest = values.list(interest);
         let mut predictions = Vec::new();
-        let mut beyond = 0;
+        let (mut beyond, mut known) = (0, HashSet::new());
         for one in metadata.tracks_to_predict.iter().flatten() {
             let Some(id) = usize::try_from(one.track_index).ok().and_then(|k| self.ids.get(k)) else {
                 beyond += 1;
                 continue;
             };
+            if !known.insert(id) {
+                continue;
+            }
             let name = values.text(id);
             let (index, difficulty) = (values.int(one.track_index), values.int(one.difficulty));
             let entry = values.dict([("track_index", index), ("track_id", name), ("difficulty", difficulty)]);

@@ -68,8 +68,8 @@ fn sizes_come_from_columns_numbers_or_a_table() {
     for (kind, expected) in [
         ("VEHICLE", [4.6, 1.9, 1.6]),
         ("CAR", [4.6, 1.9, 1.6]),
-        ("BUS", [4.6, 1.9, 1.6]),
-        ("MOTORCYCLIST", [4.6, 1.9, 1.6]),
+        ("BUS", [12.0, 2.6, 3.2]),
+        ("MOTORCYCLIST", [2.2, 0.9, 1.6]),
         ("PEDESTRIAN", [0.7, 0.7, 1.75]),
         ("CYCLIST", [1.75, 0.6, 1.75]),
         ("TRAFFIC_CONE", [0.4, 0.4, 2.0]),

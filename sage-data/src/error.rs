@@ -99,7 +99,7 @@ pub enum Error {
     },
     /// A folder without a scene.
     #[error(
-        "no scene in `{}`; expected files that end in .pkl or .safetensors, whose names hold `tfrecord`, or JSON of GPUDrive",
+        "no scene in `{}`; expected files that end in .pkl or .safetensors, whose names hold `tfrecord`, JSON of GPUDrive, or scenarios of Argoverse 2",
         path.display()
     )]
     NoScenes {

@@ -1,6 +1,7 @@
 //! Output of all threads: rows on standard output in the order of the scenes, and progress on standard error.
 
 use std::{
+    cmp::Ordering,
     collections::BTreeMap,
     io::{ErrorKind, Write},
     path::{Path, PathBuf},
@@ -12,6 +13,9 @@ use sage_data::checks::Warning;
 
 use super::json_line;
 use crate::progress::{Progress, count, say};
+
+/// Scenes with a kind of warning from which on the kind is only counted: in some data sets every scene has it.
+const MOST_WARNINGS: usize = 20;
 
 /// Printed line of one result.
 pub(crate) struct Line {
@@ -98,8 +102,16 @@ impl Report {
     pub(crate) fn done(&self, number: usize, name: &str, scene: SceneReport) -> Result<()> {
         let mut state = self.state();
         for warning in &scene.warnings {
-            *state.warnings.entry(warning.kind).or_default() += 1;
-            state.progress.say(&format!("warning: {name}: {warning}"));
+            let number = state.warnings.entry(warning.kind).or_default();
+            *number += 1;
+            let text = match (*number).cmp(&MOST_WARNINGS) {
+                Ordering::Less => format!("warning: {name}: {warning}"),
+                Ordering::Equal => {
+                    format!("warning: more scenes have `{}`; all are counted at the end", warning.kind)
+                }
+                Ordering::Greater => continue,
+            };
+            state.progress.say(&text);
         }
         for failure in &scene.failures {
             state.progress.say(&format!("error: {name}: {failure}"));

@@ -46,9 +46,24 @@ impl License {
         }
     }
 
-    /// Licence of the scenes of a data set by the name in their metadata (`waymo`); `None` if it is unknown.
+    /// Licence of scenes of Argoverse 2 and of what is derived from them.
+    pub fn argoverse2() -> Self {
+        Self {
+            name: "Creative Commons Attribution-NonCommercial-ShareAlike 4.0".to_owned(),
+            spdx_id: "CC-BY-NC-SA-4.0".to_owned(),
+            notice: "This file was made using Argoverse 2, provided under license terms available at \
+                     argoverse.org. Non-commercial use only."
+                .to_owned(),
+        }
+    }
+
+    /// Licence of the scenes of a data set by the name in their metadata (`waymo`, `argoverse2`); `None` if it is unknown.
     pub fn of_dataset(dataset: &str) -> Option<Self> {
-        dataset.eq_ignore_ascii_case("waymo").then(Self::waymo)
+        match &dataset.to_ascii_lowercase()[..] {
+            "waymo" => Some(Self::waymo()),
+            "argoverse2" | "av2" => Some(Self::argoverse2()),
+            _ => None,
+        }
     }
 }
 
@@ -63,8 +78,9 @@ mod tests {
     }
 
     #[test]
-    fn only_waymos_data_set_has_waymos_licence() {
+    fn a_data_set_has_its_own_licence() {
         assert!(License::of_dataset("waymo").unwrap().notice.contains("waymo.com/open"));
+        assert_eq!(License::of_dataset("argoverse2").unwrap().spdx_id, "CC-BY-NC-SA-4.0");
         assert_eq!(License::of_dataset("sage"), None);
     }
 }

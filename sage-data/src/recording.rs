@@ -304,13 +304,16 @@ impl Recording {
         Ok(Some(document))
     }
 
-    /// Writes the recording atomically and replaces an existing file. The format is native if the name ends
-    /// in `.safetensors`, and a MetaDrive pickle otherwise.
+    /// Writes the recording atomically and replaces an existing file. The format is native if the name ends in
+    /// `.safetensors`, JSON of GPUDrive if it ends in `.json`, and a MetaDrive pickle otherwise.
     ///
     /// *Errors*: [`Error::Write`], or as [`Recording::to_pickle`].
     pub fn write(&self, path: &Path) -> Result<(), Error> {
-        let native = path.extension().is_some_and(|ending| ending == "safetensors");
-        let bytes = if native { self.to_native()? } else { self.to_pickle()? };
+        let bytes = match path.extension().and_then(|ending| ending.to_str()) {
+            Some("safetensors") => self.to_native()?,
+            Some("json") => self.to_gpudrive()?.json,
+            _ => self.to_pickle()?,
+        };
         files::write(path, &bytes, Existing::Replace)
             .map_err(|source| Error::Write { path: path.to_owned(), source })
     }

@@ -63,8 +63,8 @@ fn drivable(data: &SceneData) -> Result<()> {
 
 /// Writes a scene in another format and returns the paths of the files. Replaces files.
 ///
-/// `to` is `"pickle"` (MetaDrive, ScenarioNet), `"native"` (.safetensors), `"womd"` (a TFRecord file) or `"openscenario"` (.xosc, with
-/// its OpenDRIVE map beside it); without it the ending of `path` decides.
+/// `to` is `"pickle"` (MetaDrive, ScenarioNet), `"native"` (.safetensors), `"womd"` (a TFRecord file), `"gpudrive"` (.json) or
+/// `"openscenario"` (.xosc, with its OpenDRIVE map beside it); without it the ending of `path` decides.
 #[pyfunction]
 #[pyo3(signature = (scene, path, *, to=None))]
 pub(crate) fn convert(
@@ -79,15 +79,16 @@ pub(crate) fn convert(
         Some("safetensors") => Some("native"),
         Some("xosc") => Some("openscenario"),
         Some("tfrecord") => Some("womd"),
+        Some("json") => Some("gpudrive"),
         _ => None,
     };
     let to = to.or_else(of_ending).ok_or_else(|| {
         OptionError::new_err(format!(
-            "`{}` ends in none of .pkl, .safetensors, .xosc, .tfrecord; say to='pickle', 'native', 'openscenario' or 'womd'",
+            "`{}` ends in none of .pkl, .safetensors, .xosc, .tfrecord, .json; say to='pickle', 'native', 'openscenario', 'womd' or 'gpudrive'",
             path.display()
         ))
     })?;
-    let known = ["pickle", "native", "openscenario", "womd"];
+    let known = ["pickle", "native", "openscenario", "womd", "gpudrive"];
     if !known.contains(&to) {
         return Err(UnknownName::new_err(format!("unknown format `{to}`; known: {}", known.join(", "))));
     }
@@ -99,12 +100,14 @@ pub(crate) fn convert(
             _ => {
                 // With what a derived scene says of itself.
                 let recording = Recording::from_bytes(&scene.origin.path, scene.bytes(true)?)?;
-                if to == "womd" {
-                    files.push((path, womd::frame(&recording.to_scenario()?.data)));
-                } else {
-                    let (map, network, scenario) = results::scenario(&recording)?;
-                    files.push((path.with_file_name(map), network.into_bytes()));
-                    files.push((path, scenario.into_bytes()));
+                match to {
+                    "womd" => files.push((path, womd::frame(&recording.to_scenario()?.data))),
+                    "gpudrive" => files.push((path, recording.to_gpudrive()?.json)),
+                    _ => {
+                        let (map, network, scenario) = results::scenario(&recording)?;
+                        files.push((path.with_file_name(map), network.into_bytes()));
+                        files.push((path, scenario.into_bytes()));
+                    }
                 }
             }
         }

@@ -152,7 +152,7 @@ impl<'s> AttackedFiles<'s> {
         }
         if gpudrive {
             // Rows end in .json alone.
-            all.push((format!("{name}.gpudrive.json"), files.to_gpudrive().json));
+            all.push((format!("{name}.gpudrive.json"), files.to_gpudrive()?.json));
         }
         Ok(all)
     }

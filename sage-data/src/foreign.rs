@@ -154,7 +154,7 @@ fn of_json(body: &[u8]) -> Foreign {
     if has(b"\"drivable_areas\"") || has(b"\"lane_segments\"") {
         return found(
             "a map of Argoverse 2 (JSON), without road users",
-            "give its folder, or the scenario_….parquet file beside it",
+            "give the scenario_….parquet file beside it",
         );
     }
     if has(b"\"run_hash\"") {

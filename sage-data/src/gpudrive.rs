@@ -59,7 +59,7 @@ pub(crate) fn is_scene_file(path: &Path) -> bool {
         return false;
     }
     let start = files::read_start(path, LOOK as u64).unwrap_or_default();
-    begins_scene(&if is_compressed { gzip::inflated_start(&start, LOOK as u64) } else { start })
+    begins_scene(&if gzip::is_gzip(&start) { gzip::inflated_start(&start, LOOK as u64) } else { start })
 }
 
 /// True if a file begins like a scene of GPUDrive: an object with road users or roads.

@@ -16,3 +16,7 @@ pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};
 pub(crate) use retime::retimed;
 pub(crate) use summary::{complete, update};
 pub(crate) use values::Values;
+
+/// Key of the metadata of a converted scene whose sizes are assumed: what was assumed, as [`crate::repairs::Repair::NoSize`]
+/// notes it.
+pub(crate) const ASSUMED_SIZES: &str = "sage_assumed_sizes";

@@ -7,6 +7,40 @@ pub(crate) fn is_parquet(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PAR1")
 }
 
+/// What ends the bytes of a scenario that are followed by those of its map.
+const WITH_MAP: &[u8; 16] = b"scenario and map";
+
+/// The bytes of a scenario and then those of its map, so that one hash is of both.
+pub(crate) fn with_map(mut scenario: Vec<u8>, map: &[u8]) -> Vec<u8> {
+    scenario.reserve_exact(map.len() + 8 + WITH_MAP.len());
+    scenario.extend_from_slice(map);
+    scenario.extend((map.len() as u64).to_le_bytes());
+    scenario.extend_from_slice(WITH_MAP);
+    scenario
+}
+
+/// The bytes of a scenario, and those of its map if they follow.
+#[cfg(feature = "argoverse2")]
+pub(crate) fn without_map(mut bytes: Vec<u8>) -> (Vec<u8>, Option<Vec<u8>>) {
+    let split = || {
+        let body = bytes.strip_suffix(WITH_MAP)?;
+        let (body, length) = body.split_last_chunk()?;
+        body.len().checked_sub(usize::try_from(u64::from_le_bytes(*length)).ok()?)
+    };
+    let Some(at) = split() else { return (bytes, None) };
+    let mut map = bytes.split_off(at);
+    map.truncate(map.len() - 8 - WITH_MAP.len());
+    (bytes, Some(map))
+}
+
+/// The map beside a scenario: by the id in its name.
+pub(crate) fn map_beside(path: &Path) -> Option<PathBuf> {
+    let stem = path.file_stem()?.to_str()?;
+    let id = stem.strip_prefix("scenario_").unwrap_or(stem);
+    let map = path.with_file_name(format!("log_map_archive_{id}.json"));
+    map.is_file().then_some(map)
+}
+
 /// True if a file is named like a scenario.
 pub(crate) fn is_scenario_name(name: &str) -> bool {
     name.starts_with("scenario_") && name.ends_with(".parquet")

@@ -21,6 +21,15 @@ pub struct ReadOptions {
 }
 
 impl ReadOptions {
+    /// Hash of a scene as it is read, as hexadecimal digits: of the bytes of its file, and of the ego if these options choose it.
+    pub fn source_hash(&self, bytes: &[u8]) -> String {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(bytes);
+        if let Some(id) = &self.ego_track {
+            hasher.update(b"ego ").update(id.as_bytes());
+        }
+        hasher.finalize().to_hex().to_string()
+    }
     /// What is appended to the name of a scene that is a window of its recording, such as `-now40`.
     pub fn suffix(&self) -> String {
         self.now.map_or(String::new(), |now| format!("-now{now}"))

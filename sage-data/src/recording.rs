@@ -13,7 +13,7 @@ use sage_core::{
 use crate::{
     Error, Format, ReadOptions, foreign,
     gpudrive::{self, EncodedGpuDrive},
-    gzip, map_limits, metadrive, native,
+    gzip, map_limits, metadrive, native, parquet_files,
     pickle::Document,
     repairs::{Decoded, Repair},
     variants::PROVENANCE,
@@ -292,7 +292,7 @@ impl Recording {
         let provenance = self.provenance()?;
         let attacker = provenance.as_deref().and_then(gpudrive::attacker);
         let document = self.written(true)?.unwrap_or_else(|| metadrive::fresh(&self.scene));
-        Ok(gpudrive::encode(&self.scene, &document, attacker.as_deref()))
+        gpudrive::encode(&self.scene, &document, attacker.as_deref(), &self.path)
     }
 
     /// The source with the tracks of the scene; with `ten_hertz` also with its frames.
@@ -347,7 +347,17 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
     if womd::is_shard(path) || womd::split_path(path).is_some() {
         return womd::read_framed(path);
     }
-    read_with(path, files::read_argument).map_err(|error| match error {
+    let read = read_with(path, files::read_argument);
+    let map = if read.as_ref().is_ok_and(|bytes| parquet_files::is_parquet(bytes)) {
+        parquet_files::map_beside(path)
+    } else {
+        None
+    };
+    let read = match (read, map) {
+        (Ok(bytes), Some(map)) => return Ok(parquet_files::with_map(bytes, &read_map(&map)?)),
+        (read, _) => read,
+    };
+    read.map_err(|error| match error {
         Error::TooLarge { .. } => {
             let start = files::read_start(path, foreign::LOOK as u64).unwrap_or_default();
             let found = if Format::of(&start).is_none() { foreign::of_bytes(&start) } else { None };
@@ -355,6 +365,15 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
             found.filter(|_| !start.is_empty()).map_or(error, |found| found.error(path))
         }
         error => error,
+    })
+}
+
+/// The map of a scenario of Argoverse 2. Real ones have 0.1 to 1 MB.
+pub(crate) fn read_map(path: &Path) -> Result<Vec<u8>, Error> {
+    const MOST: u64 = 64 << 20;
+    files::read(path, MOST).map_err(|source| match source.kind() {
+        std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MOST },
+        _ => Error::Read { path: path.to_owned(), source },
     })
 }
 

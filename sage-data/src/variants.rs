@@ -110,16 +110,18 @@ impl Variant<'_> {
     }
 
     /// The variant as JSON of GPUDrive: simulators drive the adversary's path, and not the ego's.
-    pub fn to_gpudrive(&self) -> EncodedGpuDrive {
+    ///
+    /// *Errors*: the ego is no vehicle.
+    pub fn to_gpudrive(&self) -> Result<EncodedGpuDrive, Error> {
         let adversary = self.scene.adversary.map(|track| &self.scene.tracks[track].id[..]);
         let attacker = gpudrive::attacker(self.provenance);
         let attacker = attacker.as_deref().or(adversary);
         match &self.document {
-            Some(document) => gpudrive::encode(self.scene, document, attacker),
+            Some(document) => gpudrive::encode(self.scene, document, attacker, self.path),
             None => {
                 let mut document = metadrive::fresh(self.scene);
                 metadrive::annotate(&mut document, PROVENANCE, self.provenance);
-                gpudrive::encode(self.scene, &document, attacker)
+                gpudrive::encode(self.scene, &document, attacker, self.path)
             }
         }
     }

@@ -197,8 +197,20 @@ fn folders_names_and_other_formats() {
     assert_eq!(recording.dataset().unwrap().as_deref(), Some("argoverse2"));
     let json = recording.to_gpudrive().unwrap();
     let again = Recording::from_bytes(Path::new("some.json"), json.json).unwrap().scene;
+    // Bytes that are read to be hashed hold the map too.
+    let bytes = sage_data::read_bytes(&file).unwrap();
+    assert!(bytes.len() > parquet(&rows(), &Shape::default()).len() + map().to_string().len());
+    let other = root.path().join("elsewhere.parquet");
+    assert!(Recording::from_bytes(&other, bytes).unwrap().scene == recording.scene);
+    let error = read_as(
+        &parquet(&rows(), &Shape::default()),
+        &map().to_string(),
+        &ReadOptions { ego_track: Some("4".to_owned()), ..ReadOptions::default() },
+    );
+    assert!(error.unwrap_err().contains("without a vehicle `4`"));
     assert_eq!((again.ego().id.as_str(), again.frames), ("AV", 91));
     assert!(json.notes.keys().any(|note| note.contains("STATIC")));
+    assert!(again.notes.iter().any(|note| note.starts_with("no-size")), "what is assumed stays so");
 }
 
 #[test]

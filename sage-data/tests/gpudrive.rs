@@ -220,6 +220,74 @@ fn the_old_dialect_needs_an_ego_and_is_the_same_scene() {
 }
 
 #[test]
+fn the_unit_of_headings_is_told_by_the_values() {
+    let recording = &made(0);
+    let scene = read(&json_of(recording)).unwrap().scene;
+    let options = |id: &str| ReadOptions { ego_track: Some(id.to_owned()), ..ReadOptions::default() };
+    let headings = |scene: &Scene| scene.tracks.iter().flat_map(|t| t.heading.clone()).collect::<Vec<f64>>();
+    // Radians without metadata, as some writers leave them out.
+    let mut radians = value_of(recording);
+    radians.as_object_mut().unwrap().remove("metadata");
+    // Its ids are numbers without the key `sage`.
+    radians.as_object_mut().unwrap().remove("sage");
+    let ego = radians["objects"][0]["id"].to_string();
+    let found = read_as(radians.to_string().as_bytes(), &options(&ego)).unwrap().scene;
+    assert_eq!(headings(&found), headings(&scene));
+    // Degrees with metadata.
+    let mut degrees = value_of(recording);
+    for object in degrees["objects"].as_array_mut().unwrap() {
+        for heading in object["heading"].as_array_mut().unwrap() {
+            *heading = heading.as_f64().unwrap().to_degrees().into();
+        }
+    }
+    let found = read(degrees.to_string().as_bytes()).unwrap().scene;
+    assert!(headings(&found).iter().zip(headings(&scene)).all(|(a, b)| (a - b).abs() < 1e-12));
+    assert!(found.notes.iter().any(|note| note.contains("degrees")));
+}
+
+#[test]
+fn ids_that_collide_and_lights_without_heights() {
+    let recording = &scenes(&synthetic())[0];
+    let mut value = value_of(recording);
+    let first = value["roads"][0]["id"].clone();
+    value["roads"][1]["id"] = first;
+    let lane = value["tl_states"].as_object().unwrap().keys().next().unwrap().clone();
+    value["tl_states"][&lane].as_object_mut().unwrap().remove("z");
+    let taken = value["objects"][1]["id"].clone();
+    value["objects"][taken.as_u64().map_or(2, |_| 2)].as_object_mut().unwrap().remove("id");
+    let scene = read(value.to_string().as_bytes()).unwrap().scene;
+    assert!(scene.notes.iter().any(|note| note.contains("1 roads have the id")), "{:?}", scene.notes);
+    let light = scene.lights.iter().find(|light| light.lane == lane).unwrap();
+    assert_eq!(light.stop_point.map(|p| p[2]), Some(0.0));
+    value["tl_states"][&lane]["x"] = json!([1.0, 2.0, 3.0]);
+    assert!(read(value.to_string().as_bytes()).unwrap_err().contains("3 entries"));
+}
+
+#[test]
+fn lights_keep_their_lane_when_ids_are_numbered() {
+    let recording = &scenes(&synthetic())[0];
+    let mut value = value_of(recording);
+    // Texts as ids, as a scene of another data set has them.
+    for road in value["roads"].as_array_mut().unwrap() {
+        road["id"] = json!(format!("lane-{}", road["id"]));
+    }
+    let lanes: Vec<String> = value["roads"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|road| road["id"].as_str().unwrap().to_owned())
+        .collect();
+    let mut lights = value["tl_states"].as_object().unwrap().clone();
+    lights.retain(|id, _| lanes.contains(&format!("lane-{id}")));
+    value["tl_states"] = lights.into_iter().map(|(id, light)| (format!("lane-{id}"), light)).collect();
+    let named = read(value.to_string().as_bytes()).unwrap();
+    assert!(!named.scene.lights.is_empty());
+    let again = read(&json_of(&named)).unwrap();
+    assert_kept(&again.scene, &named.scene, 1e-12);
+    assert!(json_of(&again) == json_of(&named));
+}
+
+#[test]
 fn another_ego_is_chosen_and_written() {
     let recording = &scenes(&synthetic())[0];
     let is_other = |track: &&Track| {
@@ -243,7 +311,7 @@ fn an_attack_tells_simulators_to_drive_the_adversary_and_not_the_ego() {
     let adversary = attacked.adversary.unwrap();
     attacked.tracks[adversary].position[40][0] += 0.25;
     let writer = VariantWriter::new(&recording).unwrap();
-    let json = writer.variant(&attacked, r#"{"method":"sage"}"#).unwrap().to_gpudrive().json;
+    let json = writer.variant(&attacked, r#"{"method":"sage"}"#).unwrap().to_gpudrive().unwrap().json;
     let value: Value = serde_json::from_slice(&json).unwrap();
     let marks: Vec<bool> =
         value["objects"].as_array().unwrap().iter().map(|o| o["mark_as_expert"].as_bool().unwrap()).collect();

@@ -100,6 +100,9 @@ fn rows_that_no_scenario_has(root: &Path) {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    // A text in all rows takes its bytes once.
+    let long = changed(|_, row| row.0 = format!("{}{}", row.0, "x".repeat(300)));
+    assert!(error_of(root, &long, &map).unwrap().contains("track_id"));
     std::fs::remove_file(root.join(argoverse::ID).join(format!("log_map_archive_{}.json", argoverse::ID)))
         .unwrap();
     let file = root.join(argoverse::ID).join(format!("scenario_{}.parquet", argoverse::ID));
@@ -119,7 +122,7 @@ fn maps_that_no_scenario_has(root: &Path) {
     };
     let lane = "/lane_segments/11";
     let at = |key: &str| format!("{lane}/{key}");
-    let cases: [(String, &str, &str); 24] = [
+    let cases: [(String, &str, &str); 25] = [
         (String::new(), "log_map", "EOF"),
         ("[]".to_owned(), "log_map", "a map of Argoverse 2"),
         ("{".repeat(100_000), "log_map", "at line 1"),
@@ -138,6 +141,7 @@ fn maps_that_no_scenario_has(root: &Path) {
         (with(&at("left_lane_boundary/0/x"), json!(1e300)), "lane_segments", "within"),
         (with(&at("id"), json!("eleven")), "lane_segments", "expected i64"),
         (with(&at("id"), json!(12)), "map_features", "twice"),
+        (with(&at("left_lane_boundary"), star(2000)), "lane_segments/11", "2000 points"),
         (with(&at("successors"), json!("12")), "successors", "a sequence"),
         (with(&at("lane_type"), json!(1)), "lane_type", "a string"),
         (with("/drivable_areas/1/area_boundary/0/x", json!(1e300)), "drivable_areas", "within"),

@@ -5,33 +5,34 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use sage_core::{
-    files,
-    motion::{DT, MAX_COORDINATE},
-};
+use sage_core::motion::{DT, MAX_COORDINATE};
 
 use super::{
     DATASET, edges,
     lanes::{Lane, features, flat},
-    map_file::MapFile,
+    map_file::{LaneSegment, MapFile},
     rows::{self, Problem, Rows},
 };
 use crate::{
     Error, ReadOptions,
     json::explained,
-    metadrive::{MAX_FRAMES, Values},
+    metadrive::{ASSUMED_SIZES, MAX_FRAMES, Values},
+    parquet_files,
     pickle::{Document, Id},
-    repairs::{Repair, sizes::size_of_type},
+    recording,
+    repairs::sizes::size_of_type,
 };
 
-/// Largest map, bytes. Real ones have 0.1 to 1 MB.
-const MOST_MAP: u64 = 64 << 20;
 /// Most corners of the drivable areas. Real maps have up to 5 000.
 const MOST_CORNERS: usize = 20_000;
+/// Most points of a side of a lane. Real ones have up to 100.
+const MOST_POINTS: usize = 1000;
 /// Most places at which outlines of drivable areas cross.
 const MOST_CROSSINGS: usize = 20_000;
 /// Most frames that the road users take together: a road user of one row has a place in each frame.
 const MOST_FRAMES: usize = 150_000;
+/// Type of vehicles in MetaDrive values.
+const VEHICLE: &str = "VEHICLE";
 /// Name of the ego.
 const EGO: &str = "AV";
 
@@ -47,6 +48,7 @@ pub(crate) struct Made {
 ///
 /// *Errors*: [`Error::Field`], [`Error::Json`], or [`Error::Read`] for the map.
 pub(crate) fn document(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Result<Made, Error> {
+    let (bytes, map) = parquet_files::without_map(bytes);
     let size = bytes.len();
     let rows = rows::read(bytes).map_err(|Problem { column, found, expected }| Error::Field {
         path: path.to_owned(),
@@ -54,7 +56,10 @@ pub(crate) fn document(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Re
         found,
         expected,
     })?;
-    let (map_path, text) = map_of(path, &rows)?;
+    let (map_path, text) = match map {
+        Some(text) => (parquet_files::map_beside(path).unwrap_or_else(|| path.to_owned()), text),
+        None => map_of(path, &rows)?,
+    };
     let map: MapFile =
         serde_json::from_slice(&text).map_err(|error| explained::<MapFile>(&map_path, &text, error))?;
     let wrong = |field: &str, found: String, expected: &str| Error::Field {
@@ -64,9 +69,9 @@ pub(crate) fn document(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Re
         expected: expected.to_owned(),
     };
     let ego = options.ego_track.as_deref().unwrap_or(EGO);
-    if !rows.users.iter().any(|user| user.id == ego) {
-        let expected = "a road user `AV`, the ego; name another with --ego-track";
-        return Err(wrong("track_id", format!("without `{}`", ego.escape_debug()), expected));
+    if !rows.users.iter().any(|user| user.id == ego && kind_of(&user.kind) == VEHICLE) {
+        let expected = "the vehicle `AV`, the ego; name another with --ego-track";
+        return Err(wrong("track_id", format!("without a vehicle `{}`", ego.escape_debug()), expected));
     }
     let frames = frames(&rows, path)?;
     if rows.users.len().saturating_mul(frames) > MOST_FRAMES {
@@ -75,13 +80,13 @@ pub(crate) fn document(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Re
     }
     let mut values = Values::with_capacity(size + text.len());
     let mut notes = Vec::new();
-    let tracks = tracks(&rows, frames, path, &mut values, &mut notes)?;
+    let (tracks, sizes) = tracks(&rows, frames, path, &mut values)?;
     let tracks = values.entries(tracks);
     let features = map_features(&map, &map_path, &mut values, &mut notes)?;
     let features = values.entries(features);
     let raw = String::from_utf8(text).unwrap_or_default();
     let (raw, lights) = (values.text(&raw), values.entries(Vec::new()));
-    let metadata = metadata(&rows, ego, frames, &mut values);
+    let metadata = metadata(&rows, ego, frames, &sizes, &mut values);
     let own = match rows.scenario_id.is_empty() {
         true => path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         false => rows.scenario_id.clone(),
@@ -107,22 +112,18 @@ pub(crate) fn document(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Re
 
 /// The map beside a scenario.
 fn map_of(path: &Path, rows: &Rows) -> Result<(PathBuf, Vec<u8>), Error> {
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let of_name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    let of_name = of_name.strip_prefix("scenario_").unwrap_or(&of_name).to_owned();
-    // Ids of a file are never a path into another folder.
-    let ids = [&of_name, &rows.scenario_id].into_iter().filter(|id| !id.contains(['/', '\\']));
-    let found = ids.map(|id| folder.join(format!("log_map_archive_{id}.json"))).find(|map| map.is_file());
-    let map = found.ok_or_else(|| Error::Field {
+    let by_id = || {
+        // An id is never a path into another folder.
+        let id = Some(&rows.scenario_id).filter(|id| !id.contains(['/', '\\']))?;
+        Some(path.with_file_name(format!("log_map_archive_{id}.json"))).filter(|map| map.is_file())
+    };
+    let map = parquet_files::map_beside(path).or_else(by_id).ok_or_else(|| Error::Field {
         path: path.to_owned(),
         field: "(map)".to_owned(),
-        found: format!("no `log_map_archive_{}.json` beside it", of_name.escape_debug()),
+        found: "no `log_map_archive_….json` of this scenario beside it".to_owned(),
         expected: "the folder of the scenario as it is published, with its map".to_owned(),
     })?;
-    let text = files::read(&map, MOST_MAP).map_err(|source| match source.kind() {
-        std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: map.clone(), limit: MOST_MAP },
-        _ => Error::Read { path: map.clone(), source },
-    })?;
+    let text = recording::read_map(&map)?;
     Ok((map, text))
 }
 
@@ -149,7 +150,7 @@ fn frames(rows: &Rows, path: &Path) -> Result<usize, Error> {
 /// Type in MetaDrive values. Motorcyclists and buses drive as cars do; what is no road user is an obstacle.
 fn kind_of(name: &str) -> String {
     match name {
-        "vehicle" | "bus" | "motorcyclist" => "VEHICLE".to_owned(),
+        "vehicle" | "bus" | "motorcyclist" => VEHICLE.to_owned(),
         other => other.to_ascii_uppercase(),
     }
 }
@@ -159,8 +160,7 @@ fn tracks(
     frames: usize,
     path: &Path,
     values: &mut Values,
-    notes: &mut Vec<String>,
-) -> Result<Vec<(Id, Id)>, Error> {
+) -> Result<(Vec<(Id, Id)>, String), Error> {
     let mut steps: Vec<Vec<(usize, usize)>> = rows.users.iter().map(|_| Vec::new()).collect();
     for (row, (track, step)) in rows.track.iter().zip(&rows.step).enumerate() {
         steps[*track as usize].push((*step as usize, row));
@@ -224,8 +224,8 @@ fn tracks(
         format!("{count} × {} {length} × {width} × {height} m", kind.escape_debug())
     });
     let sizes: Vec<String> = sizes.collect();
-    notes.push(Repair::NoSize.note(format!("the format has no sizes; assumed are {}", sizes.join(", "))));
-    Ok(tracks)
+    let sizes = format!("the format has no sizes; assumed are {}", sizes.join(", "));
+    Ok((tracks, sizes))
 }
 
 fn map_features(
@@ -234,6 +234,19 @@ fn map_features(
     values: &mut Values,
     notes: &mut Vec<String>,
 ) -> Result<Vec<(Id, Id)>, Error> {
+    let sides = |lane: &LaneSegment| {
+        let lines =
+            [Some(&lane.left_lane_boundary), Some(&lane.right_lane_boundary), lane.centerline.as_ref()];
+        lines.into_iter().flatten().map(Vec::len).max().unwrap_or(0)
+    };
+    if let Some(lane) = map.lane_segments.0.iter().find(|lane| sides(lane) > MOST_POINTS) {
+        return Err(Error::Field {
+            path: path.to_owned(),
+            field: format!("lane_segments/{}", lane.id),
+            found: format!("a lane with {} points on a side", sides(lane)),
+            expected: format!("at most {MOST_POINTS}"),
+        });
+    }
     let lanes: Vec<Lane> = map.lane_segments.0.iter().map(Lane::new).collect();
     let derived = lanes.iter().filter(|lane| lane.is_derived()).count();
     if derived > 0 {
@@ -277,7 +290,7 @@ fn map_features(
     Ok(all)
 }
 
-fn metadata(rows: &Rows, ego: &str, frames: usize, values: &mut Values) -> Id {
+fn metadata(rows: &Rows, ego: &str, frames: usize, sizes: &str, values: &mut Values) -> Id {
     let times: Vec<f64> = (0..frames).map(|frame| frame as f64 * DT).collect();
     let seconds = values.doubles(&[frames], &times);
     let index = rows.users.iter().position(|user| user.id == ego).unwrap_or(0);
@@ -286,6 +299,7 @@ fn metadata(rows: &Rows, ego: &str, frames: usize, values: &mut Values) -> Id {
     let (ego, length, index) = (values.text(ego), values.int(frames as i64), values.int(index as i64));
     let [id, focal, city] =
         [&rows.scenario_id, &rows.focal_track_id, &rows.city].map(|text| values.text(text));
+    let sizes = values.text(sizes);
     values.dict([
         ("coordinate", coordinate),
         ("ts", seconds),
@@ -297,5 +311,6 @@ fn metadata(rows: &Rows, ego: &str, frames: usize, values: &mut Values) -> Id {
         ("sdc_track_index", index),
         ("focal_track_id", focal),
         ("city", city),
+        (ASSUMED_SIZES, sizes),
     ])
 }

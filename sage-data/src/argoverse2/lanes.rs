@@ -139,7 +139,7 @@ pub(super) fn features(lanes: &[Lane], crossings: &[Crossing], values: &mut Valu
         let kind = values.word("CROSSWALK");
         let corners = flat(&corners, values);
         let feature = values.dict([("type", kind), ("polygon", corners)]);
-        all.push((values.decimal(crossing.id), feature));
+        all.push((values.text(&format!("crossing-{}", crossing.id)), feature));
     }
     all
 }

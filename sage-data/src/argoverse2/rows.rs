@@ -1,5 +1,7 @@
 //! The rows of a scenario: a road user in a step, read column by column.
 
+use std::collections::HashMap;
+
 use bytes::Bytes;
 use parquet::{
     basic::Compression,
@@ -19,6 +21,8 @@ const MOST_ROWS: usize = 200_000;
 const MOST_BYTES: u64 = 48 << 20;
 /// Rows that are read at once.
 const BATCH: usize = 4096;
+/// Longest text, bytes.
+const LONGEST_TEXT: usize = 256;
 
 /// Columns with a value in every row.
 #[derive(Default)]
@@ -60,24 +64,21 @@ fn read_columns(bytes: Vec<u8>) -> Result<Rows, Problem> {
     let metadata = reader.metadata();
     check(&file, metadata)?;
     let mut rows = Rows::default();
-    let mut ids: std::collections::HashMap<String, u32> = Default::default();
+    let (mut texts, mut users) = (Texts::default(), HashMap::new());
     for number in 0..metadata.num_row_groups() {
         let group = reader.get_row_group(number).map_err(|error| Problem::file(error.to_string()))?;
         let columns =
             Group { group: &*group, rows: usize::try_from(group.metadata().num_rows()).unwrap_or(0) };
-        let tracks = columns.texts("track_id")?;
-        let kinds = columns.texts("object_type")?;
+        let tracks = columns.texts("track_id", &mut texts)?;
+        let kinds = columns.texts("object_type", &mut texts)?;
         let categories = columns.optional("object_category", Group::integers)?;
         for (k, (id, kind)) in tracks.into_iter().zip(kinds).enumerate() {
-            let number = match ids.get(&id) {
-                Some(number) => *number,
-                None => {
-                    let category = categories.as_ref().map_or(1, |all| all[k]);
-                    ids.insert(id.clone(), rows.users.len() as u32);
-                    rows.users.push(User { id, kind, category });
-                    rows.users.len() as u32 - 1
-                }
-            };
+            let number = *users.entry(id).or_insert_with(|| {
+                let category = categories.as_ref().map_or(1, |all| all[k]);
+                let [id, kind] = [id, kind].map(|text| texts.all[text as usize].clone());
+                rows.users.push(User { id, kind, category });
+                rows.users.len() as u32 - 1
+            });
             rows.track.push(number);
         }
         rows.step.extend(columns.integers("timestep")?);
@@ -91,8 +92,7 @@ fn read_columns(bytes: Vec<u8>) -> Result<Rows, Problem> {
         ];
         for (name, text) in names {
             if text.is_empty() {
-                let found = columns.optional(name, Group::texts)?;
-                *text = found.and_then(|all| all.into_iter().next()).unwrap_or_default();
+                *text = columns.first_text(name)?;
             }
         }
     }
@@ -172,6 +172,27 @@ fn check_chunk(file: &Bytes, column: &ColumnChunkMetaData) -> Result<u64, (Strin
     decompressed_size(chunk).map_err(|problem| (problem, "a whole file"))
 }
 
+/// Texts of a file, each once.
+#[derive(Default)]
+struct Texts {
+    all: Vec<String>,
+    numbers: HashMap<String, u32>,
+}
+
+impl Texts {
+    /// Number of a text; `None` for one that is long or not UTF-8.
+    fn number(&mut self, text: &[u8]) -> Option<u32> {
+        let text = std::str::from_utf8(text).ok().filter(|text| text.len() <= LONGEST_TEXT)?;
+        if let Some(number) = self.numbers.get(text) {
+            return Some(*number);
+        }
+        let number = self.all.len() as u32;
+        self.all.push(text.to_owned());
+        self.numbers.insert(text.to_owned(), number);
+        Some(number)
+    }
+}
+
 /// The columns of a row group.
 struct Group<'g> {
     group: &'g dyn RowGroupReader,
@@ -200,13 +221,32 @@ impl Group<'_> {
             .map_err(|error| Problem::column(name, format!("unreadable ({error})"), "a whole file"))
     }
 
-    fn texts(&self, name: &str) -> Result<Vec<String>, Problem> {
+    /// The texts of a column by their number among all texts: most rows have one that another has.
+    fn texts(&self, name: &str, texts: &mut Texts) -> Result<Vec<u32>, Problem> {
         match self.reader(name)? {
-            ColumnReader::ByteArrayColumnReader(column) => self.values(name, column, |text: ByteArray| {
-                std::str::from_utf8(text.data()).ok().map(str::to_owned)
-            }),
+            ColumnReader::ByteArrayColumnReader(column) => {
+                self.values(name, column, |text: ByteArray| texts.number(text.data()))
+            }
             other => Err(wrong_type(name, &other, "texts")),
         }
+    }
+
+    /// The first text of a column; empty if there is none, as pandas writes a column of nothing.
+    fn first_text(&self, name: &str) -> Result<String, Problem> {
+        if self.find(name).is_none() {
+            return Ok(String::new());
+        }
+        let ColumnReader::ByteArrayColumnReader(mut column) = self.reader(name)? else {
+            return Ok(String::new());
+        };
+        let (mut levels, mut values) = (Vec::new(), Vec::new());
+        column
+            .read_records(1, Some(&mut levels), None, &mut values)
+            .map_err(|error| Problem::column(name, format!("unreadable ({error})"), "a whole file"))?;
+        let text = values.first().map(|text: &ByteArray| text.data()).unwrap_or_default();
+        let text = std::str::from_utf8(text).ok().filter(|text| text.len() <= LONGEST_TEXT);
+        text.map(str::to_owned)
+            .ok_or_else(|| Problem::column(name, "a long text, or one that is not UTF-8", "a name"))
     }
 
     fn integers(&self, name: &str) -> Result<Vec<i64>, Problem> {
@@ -234,7 +274,7 @@ impl Group<'_> {
         &self,
         name: &str,
         mut column: ColumnReaderImpl<T>,
-        convert: impl Fn(T::T) -> Option<V>,
+        mut convert: impl FnMut(T::T) -> Option<V>,
     ) -> Result<Vec<V>, Problem> {
         let mut all = Vec::new();
         let (mut batch, mut levels) = (Vec::new(), Vec::new());
@@ -257,7 +297,7 @@ impl Group<'_> {
             for value in batch.drain(..) {
                 let value = convert(value);
                 all.push(value.ok_or_else(|| {
-                    Problem::column(name, "text that is not UTF-8, or no integer", "its values")
+                    Problem::column(name, "a value that is long, not UTF-8, or no integer", "its values")
                 })?);
             }
             if all.len() > self.rows {

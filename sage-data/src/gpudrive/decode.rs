@@ -5,11 +5,14 @@ use std::{
     path::Path,
 };
 
-use sage_core::motion::{DT, NOW};
+use sage_core::{
+    geometry::wrap_angle,
+    motion::{DT, NOW},
+};
 
 use super::{
     DATASET, Dialect, REST,
-    file::{File, Metadata, Name, Object, Own, Road},
+    file::{File, Metadata, Name, Object, Own, Point, Road},
     keyed::{Of, Rest},
     lights::{STATES, Signal},
     map_elements,
@@ -17,7 +20,7 @@ use super::{
 use crate::{
     Error, ReadOptions,
     json::explained,
-    metadrive::Values,
+    metadrive::{ASSUMED_SIZES, Values},
     pickle::{Document, Id},
     repairs::Repair,
     variants::PROVENANCE,
@@ -54,15 +57,11 @@ pub(crate) fn document(
     let dialect = if file.metadata.is_some() { Dialect::Present } else { Dialect::Old };
     let own = file.own.unwrap_or_default();
     let Of(metadata) = file.metadata.unwrap_or_default();
-    let ids: Vec<String> = {
-        let originals: HashMap<i64, &String> = own.objects.iter().map(|(number, id)| (*number, id)).collect();
-        let named =
-            objects.iter().enumerate().map(|(k, Of(object))| id_of(object.id.as_ref(), k, &originals));
-        named.collect()
-    };
-    let reader = Reader { path, frames, dialect, objects: &objects, ids: &ids };
-    let ego = reader.ego(&metadata, options)?;
     let mut notes = Vec::new();
+    let ids = ids_of_objects(&objects, &own);
+    let unit = Unit::of(&objects, dialect);
+    let reader = Reader { path, frames, dialect, unit, objects: &objects, ids: &ids };
+    let ego = reader.ego(&metadata, options)?;
     // Numbers take 8 bytes, and at least 5 in the file.
     let mut values = Values::with_capacity(body.len() / 2);
     let mut tracks = Vec::with_capacity(objects.len());
@@ -83,14 +82,16 @@ pub(crate) fn document(
             let field = format!("tl_states/{}", lane.escape_debug());
             return Err(wrong(&field, "there twice".to_owned(), "one light for each lane"));
         }
-        lights.push(reader.light(lane, signal, &mut values)?);
+        lights.push(reader.light(lane, signal, &own, &mut values)?);
     }
     let lights = values.entries(lights);
-    if dialect == Dialect::Old {
-        notes.push(
-            "the old dialect of GPUDrive: headings are read in degrees, and road users named by their number"
-                .to_owned(),
-        );
+    let unit = if unit == Unit::Degrees { "degrees" } else { "radians" };
+    match dialect {
+        Dialect::Old => notes.push(format!("the old dialect of GPUDrive: headings are read in {unit}")),
+        Dialect::Present if reader.unit == Unit::Degrees => {
+            notes.push(format!("headings beyond a turn of radians: they are read in {unit}"));
+        }
+        Dialect::Present => {}
     }
     let metadata = reader.metadata(&metadata, &own, ego, &file.rest, &mut values, &mut notes);
     let id = match &file.scenario_id {
@@ -113,17 +114,74 @@ pub(crate) fn document(
     Ok((document, notes))
 }
 
-/// The id of the road user or road with a number.
-fn id_of(id: Option<&Name>, number: usize, originals: &HashMap<i64, &String>) -> String {
-    let Some(Name(id)) = id else { return number.to_string() };
+/// Ids of the objects. One without an id has its number, or that with a mark if another has it.
+fn ids_of_objects(objects: &[Of<Object>], own: &Own) -> Vec<String> {
+    let originals = originals(&own.objects);
+    let given: HashSet<&str> =
+        objects.iter().filter_map(|Of(object)| Some(object.id.as_ref()?.0.as_str())).collect();
+    let named = objects.iter().enumerate().map(|(k, Of(object))| match &object.id {
+        Some(id) => original(id, &originals),
+        None if given.contains(&k.to_string()[..]) => format!("object-{k}"),
+        None => k.to_string(),
+    });
+    named.collect()
+}
+
+/// Ids that were no integers, by the numbers that took their place.
+fn originals(table: &[(i64, String)]) -> HashMap<i64, &String> {
+    table.iter().map(|(number, id)| (*number, id)).collect()
+}
+
+/// The id that a name stands for.
+fn original(Name(id): &Name, originals: &HashMap<i64, &String>) -> String {
     let original = id.parse().ok().and_then(|id: i64| originals.get(&id));
     original.map_or_else(|| id.clone(), |id| (*id).clone())
+}
+
+/// Unit of the headings of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unit {
+    Radians,
+    Degrees,
+}
+
+impl Unit {
+    /// The unit by the values: more than a turn of radians is degrees. Where none is, what agrees with the motion, in the old
+    /// dialect; and what its dialect has, if nothing moves.
+    fn of(objects: &[Of<Object>], dialect: Dialect) -> Self {
+        let there = |object: &Object, frame: usize| object.valid.as_ref().is_some_and(|all| all[frame].0);
+        let mut off = [0.0; 2];
+        for Of(object) in objects {
+            let headings = object.heading.as_deref().unwrap_or_default();
+            let velocities = object.velocity.as_deref().unwrap_or_default();
+            let valid = object.valid.as_ref().map_or(0, Vec::len);
+            for (frame, heading) in headings.iter().enumerate().take(valid).filter(|(f, _)| there(object, *f))
+            {
+                if heading.abs() > std::f64::consts::TAU {
+                    return Self::Degrees;
+                }
+                let Some(Point([vx, vy, _])) = velocities.get(frame) else { continue };
+                if vx.hypot(*vy) > 1.0 {
+                    let course = vy.atan2(*vx);
+                    let turn = |angle: f64| wrap_angle(angle - course).abs();
+                    off[0] += turn(*heading);
+                    off[1] += turn(heading.to_radians());
+                }
+            }
+        }
+        match dialect {
+            Dialect::Old if off[0] < off[1] => Self::Radians,
+            Dialect::Old => Self::Degrees,
+            Dialect::Present => Self::Radians,
+        }
+    }
 }
 
 struct Reader<'r> {
     path: &'r Path,
     frames: usize,
     dialect: Dialect,
+    unit: Unit,
     objects: &'r [Of<Object<'r>>],
     /// Ids of the objects.
     ids: &'r [String],
@@ -150,8 +208,10 @@ impl Reader<'_> {
         let index = match metadata.sdc_track_index {
             Some(index) => index,
             None if self.dialect == Dialect::Old => {
+                let has_ids = self.objects.iter().any(|Of(object)| object.id.is_some());
+                let name = if has_ids { "id" } else { "number in `objects`" };
                 let expected = format!(
-                    "the ego; this is the old dialect, which names none: {remedy}, here its number in `objects`"
+                    "the ego; this is the old dialect, which names none: give its {name} with --ego-track"
                 );
                 return Err(self.wrong("metadata", "missing".to_owned(), expected));
             }
@@ -213,9 +273,9 @@ impl Reader<'_> {
         for frame in (0..frames).filter(is_there) {
             places[3 * frame..][..3].copy_from_slice(&position[frame].0);
             speeds[2 * frame..][..2].copy_from_slice(&velocity[frame].0[..2]);
-            headings[frame] = match self.dialect {
-                Dialect::Present => heading[frame],
-                Dialect::Old => heading[frame].to_radians(),
+            headings[frame] = match self.unit {
+                Unit::Radians => heading[frame],
+                Unit::Degrees => heading[frame].to_radians(),
             };
         }
         let mut state = vec![
@@ -259,9 +319,10 @@ impl Reader<'_> {
         values: &mut Values,
         notes: &mut Vec<String>,
     ) -> Result<Id, Error> {
-        let originals: HashMap<i64, &String> = own.roads.iter().map(|(number, id)| (*number, id)).collect();
+        let originals = originals(&own.roads);
         let mut features = Vec::with_capacity(roads.len());
-        let mut odd = 0;
+        let mut known_ids = HashSet::with_capacity(roads.len());
+        let (mut odd, mut renamed) = (0, 0);
         for (k, Of(road)) in roads.iter().enumerate() {
             let name = road.kind.as_ref().map_or("", |kind| &kind.0);
             let known = map_elements::read(name, road.map_element_id);
@@ -287,7 +348,13 @@ impl Reader<'_> {
             let mut feature = vec![(values.word("type"), kind), (values.word(key), shape)];
             feature.extend(kept(&road.rest, values));
             let feature = values.entries(feature);
-            let id = id_of(road.id.as_ref(), k, &originals);
+            let mut id = road.id.as_ref().map_or_else(|| k.to_string(), |id| original(id, &originals));
+            // Some converters number what has no integer as id, so that a number may be that of another road.
+            if !known_ids.insert(id.clone()) {
+                id = format!("{id}-road-{k}");
+                renamed += 1;
+                known_ids.insert(id.clone());
+            }
             features.push((values.text(&id), feature));
         }
         if odd > 0 {
@@ -295,10 +362,13 @@ impl Reader<'_> {
                 format!("{odd} roads have a `type` or `map_element_id` that the format does not define");
             notes.push(Repair::MapValues.note(text));
         }
+        if renamed > 0 {
+            notes.push(format!("{renamed} roads have the id of another road; they get one of their own"));
+        }
         Ok(values.entries(features))
     }
 
-    fn light(&self, lane: &str, signal: &Signal, values: &mut Values) -> Result<(Id, Id), Error> {
+    fn light(&self, lane: &str, signal: &Signal, own: &Own, values: &mut Values) -> Result<(Id, Id), Error> {
         let states = signal.state.as_deref().unwrap_or_default();
         let times = signal.time_index.as_deref().unwrap_or_default();
         let field = |key: &str| format!("tl_states/{}/{key}", lane.escape_debug());
@@ -313,8 +383,17 @@ impl Reader<'_> {
             })?;
             *slot = values.word(STATES[usize::from(state.0)].1);
         }
-        // The last stop point holds for all frames, as in Waymo's records.
-        let stop: Option<Vec<f64>> = signal.stop.iter().map(|axis| axis.as_ref()?.last().copied()).collect();
+        for (key, axis) in ["x", "y", "z"].into_iter().zip(&signal.stop) {
+            let length = axis.as_ref().map_or(0, Vec::len);
+            if length != 0 && length != times.len() {
+                let found = format!("{length} entries");
+                return Err(self.wrong(field(key), found, format!("{}, as in `time_index`", times.len())));
+            }
+        }
+        // The last stop point holds for all frames, as in Waymo's records. Some files have no heights.
+        let [x, y, z] = [0, 1, 2].map(|axis: usize| signal.stop[axis].as_ref()?.last().copied());
+        let stop = x.zip(y).map(|(x, y)| [x, y, z.unwrap_or(0.0)]);
+        let lane = &original(&Name(lane.to_owned()), &originals(&own.roads))[..];
         let kind = values.word("TRAFFIC_LIGHT");
         let all = values.list(all);
         let state = values.dict([("object_state", all)]);
@@ -347,11 +426,11 @@ impl Reader<'_> {
     ) -> Id {
         let times: Vec<f64> = (0..self.frames).map(|frame| frame as f64 * DT).collect();
         let seconds = values.doubles(&[self.frames], &times);
-        let originals: HashMap<i64, &String> = own.objects.iter().map(|(number, id)| (*number, id)).collect();
+        let originals = originals(&own.objects);
         let interest = metadata.objects_of_interest.iter().flatten();
         let interest: Vec<Id> = interest
             .map(|name| {
-                let id = id_of(Some(name), 0, &originals);
+                let id = original(name, &originals);
                 values.text(&id)
             })
             .collect();
@@ -395,6 +474,9 @@ impl Reader<'_> {
             (values.word("objects_of_interest"), interest),
             (values.word("tracks_to_predict"), predictions),
         ];
+        if let Some(sizes) = &own.assumed_sizes {
+            entries.push((values.word(ASSUMED_SIZES), values.text(sizes)));
+        }
         if let Some(provenance) = &own.provenance {
             entries.push((values.word(PROVENANCE), values.text(provenance)));
         }

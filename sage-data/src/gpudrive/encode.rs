@@ -3,7 +3,10 @@
 //! Readers take the first 64 road users, so ego and adversary go first. What a scene does not model (goals that are no last
 //! positions, other keys) comes from its MetaDrive values.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::{
+    collections::{BTreeMap, HashMap, HashSet},
+    path::Path,
+};
 
 use sage_core::{
     geometry::wrap_angle,
@@ -14,6 +17,8 @@ use serde_json::value::RawValue;
 
 use super::{ABSENT, OWN, REST, decode::REST_OF_METADATA, file::Own, lights::STATES, map_elements};
 use crate::{
+    Error,
+    metadrive::ASSUMED_SIZES,
     openscenario::License,
     pickle::{Document, Id, Node},
     variants::PROVENANCE,
@@ -36,7 +41,22 @@ pub struct EncodedGpuDrive {
 
 /// Encodes a scene and its MetaDrive values. `attacker` is the id of an adversary that attacks: a simulator is told to drive
 /// its path, and not that of the ego.
-pub(crate) fn encode(scene: &Scene, document: &Document, attacker: Option<&str>) -> EncodedGpuDrive {
+///
+/// *Errors*: [`Error::Field`] if the ego is no vehicle, which no reader takes.
+pub(crate) fn encode(
+    scene: &Scene,
+    document: &Document,
+    attacker: Option<&str>,
+    path: &Path,
+) -> Result<EncodedGpuDrive, Error> {
+    if scene.ego().kind != TrackKind::Vehicle {
+        return Err(Error::Field {
+            path: path.to_owned(),
+            field: "(ego)".to_owned(),
+            found: format!("`{}` of type {}", scene.ego().id.escape_debug(), scene.ego().kind.name()),
+            expected: "a vehicle, which GPUDrive needs".to_owned(),
+        });
+    }
     let mut notes = Notes::default();
     let order = order(scene, attacker, &mut notes);
     let objects = Ids::of_tracks(scene);
@@ -95,6 +115,7 @@ pub(crate) fn encode(scene: &Scene, document: &Document, attacker: Option<&str>)
     let license = dataset.as_deref().and_then(License::of_dataset).map(|license| license.notice);
     let own = Own {
         provenance: text(PROVENANCE),
+        assumed_sizes: text(ASSUMED_SIZES),
         license,
         objects: objects.table(),
         roads: roads.table(),
@@ -108,10 +129,10 @@ pub(crate) fn encode(scene: &Scene, document: &Document, attacker: Option<&str>)
             format!("scenes of more than {FRAMES} frames, of which readers take the first {FRAMES}"),
         );
     }
-    EncodedGpuDrive { json: out.text, notes }
+    Ok(EncodedGpuDrive { json: out.text, notes })
 }
 
-/// Road users that the format has, ego and adversary first.
+/// Road users in their order: ego and adversary first, obstacles last.
 fn order(scene: &Scene, attacker: Option<&str>, notes: &mut Notes) -> Vec<usize> {
     let adversary = match attacker {
         Some(id) => scene.tracks.iter().position(|track| track.id == id),
@@ -122,14 +143,17 @@ fn order(scene: &Scene, attacker: Option<&str>, notes: &mut Notes) -> Vec<usize>
     let mut order = Vec::with_capacity(scene.tracks.len());
     for k in first.iter().copied().chain(others) {
         let track = &scene.tracks[k];
-        if word_of(&track.kind).is_none() {
-            note(notes, format!("road users of type {}, which the format does not have", track.kind.name()));
-        } else if !track.valid.contains(&true) {
+        if !track.valid.contains(&true) {
             note(notes, "road users that are absent in every frame");
-        } else {
-            order.push(k);
+            continue;
         }
+        if !["UNSET", "OTHER"].contains(&track.kind.name()) && word_of(&track.kind) == "other" {
+            note(notes, format!("road users of type {}, written as `other`", track.kind.name()));
+        }
+        order.push(k);
     }
+    // Readers have no use for them.
+    order.sort_by_key(|k| matches!(scene.tracks[*k].kind, TrackKind::Other(_)));
     if order.len() > OBJECTS {
         note(
             notes,
@@ -139,12 +163,13 @@ fn order(scene: &Scene, attacker: Option<&str>, notes: &mut Notes) -> Vec<usize>
     order
 }
 
-fn word_of(kind: &TrackKind) -> Option<&'static str> {
+fn word_of(kind: &TrackKind) -> &'static str {
     match kind {
-        TrackKind::Vehicle => Some("vehicle"),
-        TrackKind::Pedestrian => Some("pedestrian"),
-        TrackKind::Cyclist => Some("cyclist"),
-        TrackKind::Other(_) => None,
+        TrackKind::Vehicle => "vehicle",
+        TrackKind::Pedestrian => "pedestrian",
+        TrackKind::Cyclist => "cyclist",
+        TrackKind::Other(name) if name == TrackKind::UNSET => "unset",
+        TrackKind::Other(_) => "other",
     }
 }
 
@@ -183,7 +208,7 @@ fn write_object(out: &mut Writer, track: &Track, role: Role, ids: &Ids, rest: &[
     out.entry("valid", &track.valid);
     out.key("goalPosition");
     out.point(track.position[last]);
-    out.entry("type", word_of(&track.kind).unwrap_or_default());
+    out.entry("type", word_of(&track.kind));
     out.entry("id", &ids.get(&track.id).unwrap_or(0));
     let read = rest.iter().find(|(key, _)| *key == EXPERT).map(|(_, value)| *value);
     let mark = match role {

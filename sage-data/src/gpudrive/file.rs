@@ -77,6 +77,9 @@ pub(super) struct Own {
     /// How the scene was made, as JSON text.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) provenance: Option<String>,
+    /// What was assumed of sizes that the data set does not have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) assumed_sizes: Option<String>,
     /// The licence of the scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) license: Option<String>,

@@ -16,6 +16,7 @@ use sage_core::{
 };
 
 use super::{
+    ASSUMED_SIZES,
     fields::{Field, Fields},
     tracks::{Whole, tracks},
 };
@@ -59,6 +60,9 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
     let now_index = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id));
     if let Some(id) = fields.optional(metadata, "focal_track_id").and_then(|id| document.text(id)) {
         notes.extend((!id.is_empty()).then(|| format!("{FOCAL_NOTE}{id}")));
+    }
+    if let Some(sizes) = fields.optional(metadata, ASSUMED_SIZES).and_then(|text| document.text(text)) {
+        notes.push(Repair::NoSize.note(sizes));
     }
     let sample_rate =
         fields.optional(metadata, "sample_rate").or_else(|| fields.optional(top, "sample_rate"));

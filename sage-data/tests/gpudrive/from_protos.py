@@ -12,7 +12,7 @@ import sys
 import numpy as np
 
 ABSENT = -10000.0
-KINDS = {1: "vehicle", 2: "pedestrian", 3: "cyclist"}
+KINDS = {1: "vehicle", 2: "pedestrian", 3: "cyclist", 4: "other"}
 # Field of MapFeature: type, first map_element_id, number of types, field of the points.
 ROADS = {
     3: ("lane", 0, 4, 8),
@@ -170,6 +170,7 @@ def scene(data, adversary):
     kept = {i: made for i, one in enumerate(tracks) if (made := track(one, frames))}
     first = [ego] + [i for i in kept if adversary is not None and ids[i] == adversary and i != ego]
     order = first + [i for i in kept if i not in first]
+    order.sort(key=lambda i: kept[i]["type"] == "other")
     lights = {}
     for frame, step in enumerate(steps[:frames]):
         states = [{1: 0, 2: 0, 3: b""} | dict(fields(value)) for _, value in fields(step)]

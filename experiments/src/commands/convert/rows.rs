@@ -173,7 +173,7 @@ impl Source {
     /// Writes the attacked scenes of all rows of a scene.
     fn attacked(&self, args: &ConvertArgs, run: &DatasetRun, input: &Input) -> Result<Vec<String>> {
         let bytes = sage_data::read_bytes(&input.file)?;
-        let hash = blake3::hash(&bytes).to_hex();
+        let hash = args.reading.options().source_hash(&bytes);
         let recording = Recording::from_bytes_as(&input.file, bytes, &args.reading.options())?;
         let scenario = (args.to == ConvertFormat::Openscenario).then(|| Options {
             standard: args.standard.unwrap_or_default(),
@@ -197,7 +197,7 @@ impl Source {
             let Some(row) = Row::read(file).with_context(in_row)? else { continue };
             ensure!(
                 hash.starts_with(&row.source_hash) && row.scene == input.scene,
-                "`{}` is not the scene that {} attacks: its hash is another",
+                "`{}` is not the scene that {} attacks: its hash is another, or its --ego-track",
                 input.file.display(),
                 in_row()
             );

@@ -112,10 +112,10 @@ impl Row {
             );
         }
         let bytes = sage_data::read_bytes(path)?;
-        let hash = blake3::hash(&bytes).to_hex();
+        let hash = options.source_hash(&bytes);
         ensure!(
             hash.starts_with(&self.source_hash),
-            "`{}` is not the scene `{}` that the row attacks: its hash is another",
+            "`{}` is not the scene `{}` that the row attacks: its hash is another, or its --ego-track",
             path.display(),
             self.scene
         );

@@ -40,7 +40,7 @@ pub(super) fn attack_scene(
 ) -> Result<SceneReport, Failure> {
     let fail = |error: anyhow::Error| Failure::Scene(error);
     let bytes = sage_data::read_bytes(file).map_err(|error| fail(error.into()))?;
-    let source_hash = blake3::hash(&bytes).to_hex()[..16].to_owned();
+    let source_hash = plan.args.reading.options().source_hash(&bytes)[..16].to_owned();
     if let Some(found) = finished(plan, run, file, scene, &source_hash).map_err(fail)? {
         return Ok(found);
     }

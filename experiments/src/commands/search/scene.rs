@@ -48,7 +48,7 @@ pub(super) fn search_scene(
 ) -> Result<SceneReport, Failure> {
     let fail = |error: anyhow::Error| Failure::Scene(error);
     let bytes = sage_data::read_bytes(&input.file).map_err(|error| fail(error.into()))?;
-    let source_hash = blake3::hash(&bytes).to_hex()[..16].to_owned();
+    let source_hash = searcher.args.reading.options().source_hash(&bytes)[..16].to_owned();
     if let Some(found) = finished(run, input, &source_hash).map_err(fail)? {
         return Ok(found);
     }

@@ -332,11 +332,21 @@ fn unknown_keys_are_kept() {
     value["metadata"]["other"] = json!("text");
     value["objects"][1]["colour"] = json!([1, 2, 3]);
     value["roads"][0]["speed"] = json!(13.4);
+    // Numbers as floats are the same.
+    let id = value["roads"][0]["map_element_id"].as_i64().unwrap();
+    value["roads"][0]["map_element_id"] = json!(id as f64);
+    value["objects"][2]["valid"] = value["objects"][2]["valid"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|v| json!(f64::from(u8::from(v == true))))
+        .collect();
     let again = value_of(&read(value.to_string().as_bytes()).unwrap());
     assert_eq!(again["a key"], value["a key"]);
     assert_eq!(again["metadata"]["other"], "text");
     assert_eq!(again["objects"][1]["colour"], json!([1, 2, 3]));
     assert_eq!(again["roads"][0]["speed"], 13.4);
+    assert_eq!(again["roads"][0]["map_element_id"], id);
 }
 
 #[test]

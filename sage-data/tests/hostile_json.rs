@@ -101,7 +101,7 @@ fn values_that_no_scene_has_are_named() {
         ("map_features", with("/roads/0/geometry", json!([])), "at least one point"),
         ("roads/0/type", with("/roads/0/type", json!(4)), "a text"),
         ("roads/0/geometry", with("/roads/0/type", json!("stop_sign")), "one, the place of the sign"),
-        ("roads/0/map_element_id", with("/roads/0/map_element_id", json!(1e30)), "expected i64"),
+        ("roads/0/map_element_id", with("/roads/0/map_element_id", json!(1e30)), "an integer"),
         ("roads/0/geometry/0/y", with("/roads/0/geometry/0/y", json!({})), "expected f64"),
         ("map_features", with("/roads/0/geometry/0/y", json!(1e20)), "within"),
         ("tl_states", with("/tl_states", json!([])), "an object with a light for each lane"),

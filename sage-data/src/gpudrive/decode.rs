@@ -325,7 +325,7 @@ impl Reader<'_> {
         let (mut odd, mut renamed) = (0, 0);
         for (k, Of(road)) in roads.iter().enumerate() {
             let name = road.kind.as_ref().map_or("", |kind| &kind.0);
-            let known = map_elements::read(name, road.map_element_id);
+            let known = map_elements::read(name, road.map_element_id.map(|id| id.0));
             odd += usize::from(known.is_none_or(|(.., is_odd)| is_odd));
             let (kind, key) = match known {
                 Some((word, key, _)) => (values.word(word), key),

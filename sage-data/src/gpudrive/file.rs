@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{
     Deserialize, Deserializer,
-    de::{MapAccess, Visitor},
+    de::{Error, MapAccess, Unexpected, Visitor},
 };
 
 use super::{
@@ -44,7 +44,7 @@ pub(super) struct Object<'j> {
 pub(super) struct Road<'j> {
     pub(super) id: Option<Name>,
     pub(super) kind: Option<Key<'j>>,
-    pub(super) map_element_id: Option<i64>,
+    pub(super) map_element_id: Option<Whole>,
     pub(super) geometry: Option<Vec<Point>>,
     pub(super) rest: Rest<'j>,
 }
@@ -237,11 +237,53 @@ impl<'j> Deserialize<'j> for Name {
                 Ok(Name(number.to_string()))
             }
 
+            fn visit_f64<E: Error>(self, value: f64) -> Result<Name, E> {
+                let number = whole(value).ok_or_else(|| E::invalid_value(Unexpected::Float(value), &self))?;
+                Ok(Name(number.to_string()))
+            }
+
             fn visit_str<E>(self, text: &str) -> Result<Name, E> {
                 Ok(Name(text.to_owned()))
             }
         }
         deserializer.deserialize_any(NameVisitor)
+    }
+}
+
+/// An integer; some writers write all numbers as floats.
+#[derive(Clone, Copy)]
+pub(super) struct Whole(pub(super) i64);
+
+/// The integer that a float is.
+fn whole(value: f64) -> Option<i64> {
+    (value.fract() == 0.0 && value.abs() < 1e15).then_some(value as i64)
+}
+
+impl<'j> Deserialize<'j> for Whole {
+    fn deserialize<D: Deserializer<'j>>(deserializer: D) -> Result<Self, D::Error> {
+        struct WholeVisitor;
+        impl Visitor<'_> for WholeVisitor {
+            type Value = Whole;
+
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("an integer")
+            }
+
+            fn visit_i64<E>(self, value: i64) -> Result<Whole, E> {
+                Ok(Whole(value))
+            }
+
+            fn visit_u64<E: Error>(self, value: u64) -> Result<Whole, E> {
+                i64::try_from(value)
+                    .map(Whole)
+                    .map_err(|_| E::invalid_value(Unexpected::Unsigned(value), &self))
+            }
+
+            fn visit_f64<E: Error>(self, value: f64) -> Result<Whole, E> {
+                whole(value).map(Whole).ok_or_else(|| E::invalid_value(Unexpected::Float(value), &self))
+            }
+        }
+        deserializer.deserialize_any(WholeVisitor)
     }
 }
 
@@ -263,10 +305,14 @@ impl<'j> Deserialize<'j> for Flag {
                 Ok(Flag(value))
             }
 
-            fn visit_u64<E: serde::de::Error>(self, value: u64) -> Result<Flag, E> {
-                match value {
-                    0 | 1 => Ok(Flag(value == 1)),
-                    _ => Err(E::invalid_value(serde::de::Unexpected::Unsigned(value), &self)),
+            fn visit_u64<E: Error>(self, value: u64) -> Result<Flag, E> {
+                self.visit_f64(value as f64)
+            }
+
+            fn visit_f64<E: Error>(self, value: f64) -> Result<Flag, E> {
+                match whole(value) {
+                    Some(number @ (0 | 1)) => Ok(Flag(number == 1)),
+                    _ => Err(E::invalid_value(Unexpected::Float(value), &self)),
                 }
             }
         }

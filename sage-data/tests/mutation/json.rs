@@ -7,7 +7,10 @@ use sage_data::{
 };
 use serde_json::{Value, json};
 
-use super::{Mutant, Mutator};
+use super::{
+    Mutant, Mutator,
+    slices::{cut, duplicate, flip, remove},
+};
 
 /// Values that replace others.
 const WORDS: [&str; 22] = [
@@ -57,29 +60,10 @@ impl Mutator {
         let mut bytes = self.bases[rng.below(self.bases.len())].clone();
         let at = rng.below(bytes.len());
         let kind = match rng.below(6) {
-            0 => {
-                for _ in 0..1 + rng.below(4) {
-                    let at = rng.below(bytes.len());
-                    bytes[at] ^= 1 << rng.below(8);
-                }
-                "bits flipped"
-            }
-            1 => {
-                bytes.truncate(at);
-                "cut"
-            }
-            2 => {
-                let to = (at + rng.below(400)).min(bytes.len());
-                bytes.drain(at..to);
-                "slice removed"
-            }
-            3 => {
-                let to = (at + rng.below(400)).min(bytes.len());
-                let slice = bytes[at..to].to_vec();
-                let at = rng.below(bytes.len());
-                bytes.splice(at..at, slice);
-                "slice moved"
-            }
+            0 => flip(&mut bytes, &mut rng),
+            1 => cut(&mut bytes, at),
+            2 => remove(&mut bytes, at, &mut rng),
+            3 => duplicate(&mut bytes, at, &mut rng),
             4 => {
                 let digits: Vec<usize> = (0..bytes.len()).filter(|k| bytes[*k].is_ascii_digit()).collect();
                 for _ in 0..1 + rng.below(3) {

@@ -8,6 +8,7 @@ mod globals;
 mod json;
 mod native;
 mod records;
+mod slices;
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},

@@ -5,7 +5,10 @@ use std::path::Path;
 use sage_core::{scene::Scene, seed::Rng};
 use sage_data::{Error, Recording, repairs::Repair, womd};
 
-use super::{Mutant, Mutator, score};
+use super::{
+    Mutant, Mutator, score,
+    slices::{cut, duplicate, flip, remove},
+};
 
 /// The messages of a shard.
 pub fn messages(shard: &[u8]) -> Vec<Vec<u8>> {
@@ -25,13 +28,7 @@ impl Mutator {
         let mut bytes = self.bases[rng.below(self.bases.len())].clone();
         let at = rng.below(bytes.len());
         let kind = match rng.below(8) {
-            0 => {
-                for _ in 0..1 + rng.below(4) {
-                    let at = rng.below(bytes.len());
-                    bytes[at] ^= 1 << rng.below(8);
-                }
-                "bits flipped"
-            }
+            0 => flip(&mut bytes, &mut rng),
             1 => {
                 for _ in 0..1 + rng.below(6) {
                     let at = rng.below(bytes.len());
@@ -39,22 +36,9 @@ impl Mutator {
                 }
                 "bytes replaced"
             }
-            2 => {
-                bytes.truncate(at);
-                "cut"
-            }
-            3 => {
-                let to = (at + rng.below(400)).min(bytes.len());
-                bytes.drain(at..to);
-                "slice removed"
-            }
-            4 => {
-                let to = (at + rng.below(400)).min(bytes.len());
-                let slice = bytes[at..to].to_vec();
-                let at = rng.below(bytes.len());
-                bytes.splice(at..at, slice);
-                "slice moved"
-            }
+            2 => cut(&mut bytes, at),
+            3 => remove(&mut bytes, at, &mut rng),
+            4 => duplicate(&mut bytes, at, &mut rng),
             5 => {
                 // A key, a varint or a length of one of the fields, somewhere.
                 let value = [0x08, 0x0a, 0x10, 0x12, 0x1a, 0x3a, 0x42, 0x7b, 0x80, 0xff, 0x00][rng.below(11)];

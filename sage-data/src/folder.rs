@@ -137,7 +137,13 @@ pub(crate) fn without_ending(path: &Path) -> PathBuf {
         return plain;
     }
     let plain = path.with_extension("");
-    if gpudrive::is_compressed_name(path) { plain.with_extension("") } else { plain }
+    let plain = if gpudrive::is_compressed_name(path) { plain.with_extension("") } else { plain };
+    // As attacked scenes are named.
+    if plain.extension().is_some_and(|ending| ending == "gpudrive") {
+        plain.with_extension("")
+    } else {
+        plain
+    }
 }
 
 fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {

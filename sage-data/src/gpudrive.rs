@@ -6,9 +6,11 @@
 mod decode;
 mod encode;
 mod file;
+mod headings;
 mod keyed;
 mod lights;
 mod map_elements;
+mod names;
 
 pub(crate) use decode::document;
 pub use encode::EncodedGpuDrive;

@@ -1,21 +1,17 @@
 //! Makes MetaDrive values of a file.
 
-use std::{
-    collections::{HashMap, HashSet},
-    path::Path,
-};
+use std::{collections::HashSet, path::Path};
 
-use sage_core::{
-    geometry::wrap_angle,
-    motion::{DT, NOW},
-};
+use sage_core::motion::{DT, NOW};
 
 use super::{
     DATASET, Dialect, REST,
-    file::{File, Metadata, Name, Object, Own, Point, Road},
+    file::{File, Metadata, Name, Object, Own, Road},
+    headings::Unit,
     keyed::{Of, Rest},
     lights::{STATES, Signal},
     map_elements,
+    names::{ids_of_objects, original, originals},
 };
 use crate::{
     Error, ReadOptions,
@@ -112,69 +108,6 @@ pub(crate) fn document(
     document.set_root(root);
     document.set_file_size(body.len());
     Ok((document, notes))
-}
-
-/// Ids of the objects. One without an id has its number, or that with a mark if another has it.
-fn ids_of_objects(objects: &[Of<Object>], own: &Own) -> Vec<String> {
-    let originals = originals(&own.objects);
-    let given: HashSet<&str> =
-        objects.iter().filter_map(|Of(object)| Some(object.id.as_ref()?.0.as_str())).collect();
-    let named = objects.iter().enumerate().map(|(k, Of(object))| match &object.id {
-        Some(id) => original(id, &originals),
-        None if given.contains(&k.to_string()[..]) => format!("object-{k}"),
-        None => k.to_string(),
-    });
-    named.collect()
-}
-
-/// Ids that were no integers, by the numbers that took their place.
-fn originals(table: &[(i64, String)]) -> HashMap<i64, &String> {
-    table.iter().map(|(number, id)| (*number, id)).collect()
-}
-
-/// The id that a name stands for.
-fn original(Name(id): &Name, originals: &HashMap<i64, &String>) -> String {
-    let original = id.parse().ok().and_then(|id: i64| originals.get(&id));
-    original.map_or_else(|| id.clone(), |id| (*id).clone())
-}
-
-/// Unit of the headings of a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Unit {
-    Radians,
-    Degrees,
-}
-
-impl Unit {
-    /// The unit by the values: more than a turn of radians is degrees. Where none is, what agrees with the motion, in the old
-    /// dialect; and what its dialect has, if nothing moves.
-    fn of(objects: &[Of<Object>], dialect: Dialect) -> Self {
-        let there = |object: &Object, frame: usize| object.valid.as_ref().is_some_and(|all| all[frame].0);
-        let mut off = [0.0; 2];
-        for Of(object) in objects {
-            let headings = object.heading.as_deref().unwrap_or_default();
-            let velocities = object.velocity.as_deref().unwrap_or_default();
-            let valid = object.valid.as_ref().map_or(0, Vec::len);
-            for (frame, heading) in headings.iter().enumerate().take(valid).filter(|(f, _)| there(object, *f))
-            {
-                if heading.abs() > std::f64::consts::TAU {
-                    return Self::Degrees;
-                }
-                let Some(Point([vx, vy, _])) = velocities.get(frame) else { continue };
-                if vx.hypot(*vy) > 1.0 {
-                    let course = vy.atan2(*vx);
-                    let turn = |angle: f64| wrap_angle(angle - course).abs();
-                    off[0] += turn(*heading);
-                    off[1] += turn(heading.to_radians());
-                }
-            }
-        }
-        match dialect {
-            Dialect::Old if off[0] < off[1] => Self::Radians,
-            Dialect::Old => Self::Degrees,
-            Dialect::Present => Self::Radians,
-        }
-    }
 }
 
 struct Reader<'r> {

@@ -5,7 +5,7 @@ use std::{path::PathBuf, sync::OnceLock};
 
 use sage_data::Recording;
 
-/// A file that does not exist, with a map beside it.
+/// A file that does not exist, with a map beside it. Without it nothing can be fuzzed, so a refusal of the system may panic.
 fn scenario() -> PathBuf {
     let folder = std::env::temp_dir().join("sage-fuzz-argoverse2");
     let lane = r#"{"id": 1, "lane_type": "VEHICLE", "left_lane_boundary": [{"x": 0, "y": 2}, {"x": 99, "y": 2}],
@@ -19,6 +19,7 @@ fn scenario() -> PathBuf {
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     static PATH: OnceLock<PathBuf> = OnceLock::new();
+    // Panics are findings: what was read must be written and read again.
     if let Ok(recording) = Recording::from_bytes(PATH.get_or_init(scenario), bytes.to_vec()) {
         let read = Recording::from_bytes("again".as_ref(), recording.to_pickle().expect("written"));
         assert_eq!(read.expect("read").scene.tracks, recording.scene.tracks);

@@ -15,7 +15,7 @@ pub(crate) use encode::{annotate, write_changes};
 pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};
 pub(crate) use retime::retimed;
 pub(crate) use summary::{complete, update};
-pub(crate) use values::Values;
+pub(crate) use values::{SceneValues, Values};
 
 /// Key of the metadata of a converted scene whose sizes are assumed: what was assumed, as [`crate::repairs::Repair::NoSize`]
 /// notes it.

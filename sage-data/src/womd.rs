@@ -28,6 +28,7 @@ pub(crate) use shard::{Open, count, is_shard_name, open};
 pub use shard::{ShardReader, is_shard};
 pub use tfrecord::{FrameProblem, Record, frame, write_frame};
 pub(crate) use tfrecord::{MAX_RECORD, begins_with_record};
+pub(crate) use words::{LANE_TYPES, ROAD_LINE_TYPES};
 
 use crate::{Error, ReadOptions, Recording, names, pickle::Document};
 

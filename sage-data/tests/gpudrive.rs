@@ -233,6 +233,16 @@ fn the_unit_of_headings_is_told_by_the_values() {
     let ego = radians["objects"][0]["id"].to_string();
     let found = read_as(radians.to_string().as_bytes(), &options(&ego)).unwrap().scene;
     assert_eq!(headings(&found), headings(&scene));
+    // Radians of more than a turn, as Waymo's own are.
+    let mut turned = value_of(recording);
+    for object in turned["objects"].as_array_mut().unwrap() {
+        for heading in object["heading"].as_array_mut().unwrap() {
+            *heading = (heading.as_f64().unwrap() + 2.0 * TAU).into();
+        }
+    }
+    let found = read(turned.to_string().as_bytes()).unwrap().scene;
+    let is_off = |(a, b): (f64, f64)| a != 0.0 && (a - b - 2.0 * TAU).abs() > 1e-9;
+    assert!(!headings(&found).into_iter().zip(headings(&scene)).any(is_off));
     // Degrees with metadata.
     let mut degrees = value_of(recording);
     for object in degrees["objects"].as_array_mut().unwrap() {

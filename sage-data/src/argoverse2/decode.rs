@@ -16,7 +16,7 @@ use super::{
 use crate::{
     Error, ReadOptions,
     json::explained,
-    metadrive::{ASSUMED_SIZES, MAX_FRAMES, Values},
+    metadrive::{ASSUMED_SIZES, MAX_FRAMES, SceneValues, Values},
     parquet_files,
     pickle::{Document, Id},
     recording,
@@ -91,20 +91,10 @@ pub(crate) fn document(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Re
         true => path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         false => rows.scenario_id.clone(),
     };
-    let (id, version, length) = (values.text(&own), values.word(DATASET), values.int(frames as i64));
-    let root = values.dict([
-        ("id", id),
-        ("version", version),
-        ("length", length),
-        ("tracks", tracks),
-        ("dynamic_map_states", lights),
-        ("map_features", features),
-        ("metadata", metadata),
-        // With the heights, which are not those of the road users.
-        ("argoverse2_map", raw),
-    ]);
+    values.set_scene(&own, DATASET, frames, SceneValues { tracks, lights, features, metadata });
     let mut document = values.document;
-    document.set_root(root);
+    // With the heights, which are not those of the road users.
+    document.set(document.root(), "argoverse2_map", raw);
     document.set_file_size(document.values_size());
     let categories = rows.users.into_iter().map(|user| (user.id, user.category)).collect();
     Ok(Made { document, notes, categories })

@@ -16,7 +16,7 @@ use super::{
 use crate::{
     Error, ReadOptions,
     json::explained,
-    metadrive::{ASSUMED_SIZES, Values},
+    metadrive::{ASSUMED_SIZES, SceneValues, Values},
     pickle::{Document, Id},
     repairs::Repair,
     variants::PROVENANCE,
@@ -85,7 +85,9 @@ pub(crate) fn document(
     match dialect {
         Dialect::Old => notes.push(format!("the old dialect of GPUDrive: headings are read in {unit}")),
         Dialect::Present if reader.unit == Unit::Degrees => {
-            notes.push(format!("headings beyond a turn of radians: they are read in {unit}"));
+            notes.push(format!(
+                "headings beyond a turn, which agree with the motion in degrees: they are read in {unit}"
+            ));
         }
         Dialect::Present => {}
     }
@@ -94,20 +96,9 @@ pub(crate) fn document(
         Some(Name(id)) if !id.is_empty() => id.clone(),
         _ => path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
     };
-    let (id, version, length) = (values.text(&id), values.word(DATASET), values.int(frames as i64));
-    let root = values.dict([
-        ("id", id),
-        ("version", version),
-        ("length", length),
-        ("tracks", tracks),
-        ("dynamic_map_states", lights),
-        ("map_features", features),
-        ("metadata", metadata),
-    ]);
-    let mut document = values.document;
-    document.set_root(root);
-    document.set_file_size(body.len());
-    Ok((document, notes))
+    values.set_scene(&id, DATASET, frames, SceneValues { tracks, lights, features, metadata });
+    values.document.set_file_size(body.len());
+    Ok((values.document, notes))
 }
 
 struct Reader<'r> {

@@ -1,5 +1,7 @@
 //! Types of roads: `type` and `map_element_id` of a file, and the words of MetaDrive. The ids are those of Waymax.
 
+use crate::womd::{LANE_TYPES, ROAD_LINE_TYPES};
+
 /// Roads of a type, whose ids follow one another from `first`.
 struct Type {
     name: &'static str,
@@ -16,30 +18,8 @@ const LINE: &str = "polyline";
 const AREA: &str = "polygon";
 
 const TYPES: [Type; 7] = [
-    Type {
-        name: "lane",
-        first: 0,
-        words: &["LANE_UNKNOWN", "LANE_FREEWAY", "LANE_SURFACE_STREET", "LANE_BIKE_LANE"],
-        other: "LANE_UNKNOWN",
-        points: LINE,
-    },
-    Type {
-        name: "road_line",
-        first: 5,
-        words: &[
-            "UNKNOWN",
-            "ROAD_LINE_BROKEN_SINGLE_WHITE",
-            "ROAD_LINE_SOLID_SINGLE_WHITE",
-            "ROAD_LINE_SOLID_DOUBLE_WHITE",
-            "ROAD_LINE_BROKEN_SINGLE_YELLOW",
-            "ROAD_LINE_BROKEN_DOUBLE_YELLOW",
-            "ROAD_LINE_SOLID_SINGLE_YELLOW",
-            "ROAD_LINE_SOLID_DOUBLE_YELLOW",
-            "ROAD_LINE_PASSING_DOUBLE_YELLOW",
-        ],
-        other: "UNKNOWN",
-        points: LINE,
-    },
+    Type { name: "lane", first: 0, words: &LANE_TYPES, other: "LANE_UNKNOWN", points: LINE },
+    Type { name: "road_line", first: 5, words: &ROAD_LINE_TYPES, other: "UNKNOWN", points: LINE },
     Type {
         name: "road_edge",
         first: 14,

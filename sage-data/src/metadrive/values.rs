@@ -48,6 +48,14 @@ impl Words {
     }
 }
 
+/// The dicts of a scene.
+pub(crate) struct SceneValues {
+    pub(crate) tracks: Id,
+    pub(crate) lights: Id,
+    pub(crate) features: Id,
+    pub(crate) metadata: Id,
+}
+
 /// Builds a document. Equal texts and integers are one value.
 pub(crate) struct Values {
     pub(crate) document: Document,
@@ -121,6 +129,21 @@ impl Values {
     pub(crate) fn floats(&mut self, shape: &[usize], numbers: &[f32]) -> Id {
         let data = self.document.push_floats(numbers);
         self.array(F32, shape, data)
+    }
+
+    /// Makes a scene the root of the document.
+    pub(crate) fn set_scene(&mut self, id: &str, version: &'static str, frames: usize, scene: SceneValues) {
+        let (id, version, length) = (self.text(id), self.word(version), self.int(frames as i64));
+        let root = self.dict([
+            ("id", id),
+            ("version", version),
+            ("length", length),
+            ("tracks", scene.tracks),
+            ("dynamic_map_states", scene.lights),
+            ("map_features", scene.features),
+            ("metadata", scene.metadata),
+        ]);
+        self.document.set_root(root);
     }
 
     /// An array of 64-bit floats.

@@ -19,7 +19,7 @@ use super::{
     words::{DIFFICULTIES, OBJECT_TYPES},
 };
 use crate::{
-    metadrive::{MAX_FRAMES, Values},
+    metadrive::{MAX_FRAMES, SceneValues, Values},
     pickle::{Document, Id},
     variants::PROVENANCE,
 };
@@ -77,18 +77,7 @@ pub(super) fn decode(
     let metadata = metadata(&scenario, &tracks, source_file, &mut values)?;
     let entries = tracks.iter().map(|track| (track.name, track.value)).collect();
     let tracks = values.entries(entries);
-    let (id, version) = (values.text(scenario.id), values.word(VERSION));
-    let length = values.int(frames as i64);
-    let root = values.dict([
-        ("id", id),
-        ("version", version),
-        ("length", length),
-        ("tracks", tracks),
-        ("dynamic_map_states", lights),
-        ("map_features", features),
-        ("metadata", metadata),
-    ]);
-    values.document.set_root(root);
+    values.set_scene(scenario.id, VERSION, frames, SceneValues { tracks, lights, features, metadata });
     values.document.set_file_size(record.len());
     Ok((values.document, has_id))
 }

@@ -10,11 +10,11 @@ pub(super) const OBJECT_TYPES: [&str; 5] = ["UNSET", "VEHICLE", "PEDESTRIAN", "C
 pub(super) const DIFFICULTIES: [&str; 3] = ["NONE", "LEVEL_1", "LEVEL_2"];
 
 /// Words of `LaneCenter.LaneType`.
-pub(super) const LANE_TYPES: [&str; 4] =
+pub(crate) const LANE_TYPES: [&str; 4] =
     ["LANE_UNKNOWN", "LANE_FREEWAY", "LANE_SURFACE_STREET", "LANE_BIKE_LANE"];
 
 /// Words of `RoadLine.RoadLineType`, also of boundaries of lanes.
-pub(super) const ROAD_LINE_TYPES: [&str; 9] = [
+pub(crate) const ROAD_LINE_TYPES: [&str; 9] = [
     "UNKNOWN",
     "ROAD_LINE_BROKEN_SINGLE_WHITE",
     "ROAD_LINE_SOLID_SINGLE_WHITE",

@@ -24,8 +24,8 @@ use crate::{
 
 /// Generate adversarial scenes: replace the adversary's future, keep everything else.
 ///
-/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file), a TFRecord file of the Waymo Open
-/// Motion Dataset, a record of it (FILE#3), or a folder of such files. Each scene is attacked at each operating
+/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, native file, JSON of GPUDrive, scenario of Argoverse 2), a
+/// TFRecord file of the Waymo Open Motion Dataset, a record of it (FILE#3), or a folder of such files. Each scene is attacked at each operating
 /// point that --lambda, --aggression or --mix gives (default: lambda 1).
 ///
 /// At the end a table says how often each operating point attacks and why it does not, and `index.html` lists all

@@ -23,8 +23,8 @@ const SCENES_PER_FILE: usize = 500;
 
 /// Convert scenes between formats, on all cores.
 ///
-/// PATH is a scene file (MetaDrive or ScenarioNet pickle, native file, JSON of GPUDrive), a TFRecord file of the Waymo Open
-/// Motion Dataset (also gzip), a record of it (FILE#3 or FILE#ID), a pipe (-), or a folder of such files.
+/// PATH is a scene file (MetaDrive or ScenarioNet pickle, native file, JSON of GPUDrive, scenario of Argoverse 2), a TFRecord
+/// file of the Waymo Open Motion Dataset (also gzip), a record of it (FILE#3 or FILE#ID), a pipe (-), or a folder of such files.
 ///
 /// A converted file keeps its name and the folder structure; a record becomes a file named by the id of its
 /// scene. With --to pickle, records become a data set that MetaDrive opens. The same command resumes an

@@ -19,7 +19,7 @@ pub struct ContactRow {
     pub side_hit: SideHit,
     /// Whether the ego is at fault; null where the map cannot tell.
     pub at_fault: Option<bool>,
-    /// Number of nuPlan's rule that decides, 1 to 5.
+    /// Number of nuPlan's rule that decides, 1 to 5; 0 if the other appeared just before.
     pub rule: u8,
     /// Class by that rule.
     pub class: FaultClass,

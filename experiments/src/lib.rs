@@ -51,7 +51,7 @@ mod threads;
 use std::{io, process::ExitCode};
 
 use anyhow::Result;
-use sage_core::Error;
+use sage_core::{Error, defect};
 
 pub use cli::Cli;
 pub use outcome::Outcome;
@@ -62,7 +62,8 @@ pub use sage_bench::{
 pub(crate) use sage_bench::{ego, generators, operating_point, part, react, search, selection};
 
 /// Runs the command line of this process. Exit codes: 0 all is done, 2 wrong usage, 65 done
-/// but scenes are bad, 74 an input or output error that another try may pass, 1 anything else.
+/// but scenes are bad, 70 a scene met a defect of this program, 74 an input or output error that another try may pass, 1
+/// anything else.
 pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     let cli = match Cli::read() {
         Ok(cli) => cli,
@@ -72,7 +73,13 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
         return code;
     }
     signals::clean_up_when_stopped();
-    let outcome = registries().map_err(anyhow::Error::from).and_then(|registries| cli.execute(&registries));
+    let outcome = outcome::caught(|| cli.execute(&registries()?));
+    if defect::count() > 0 {
+        if let Err(error) = outcome {
+            progress::say(&format!("error: {error:#}"));
+        }
+        return Outcome::Defect.into();
+    }
     match outcome {
         Ok(outcome) => outcome.into(),
         // The reader closed the pipe, as `head` does: not a failure.

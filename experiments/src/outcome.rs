@@ -7,7 +7,8 @@ use std::{
     process::ExitCode,
 };
 
-use sage_core::files::LockError;
+use anyhow::Result;
+use sage_core::{defect, files::LockError};
 
 /// Result of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,12 +21,16 @@ pub enum Outcome {
     BadScenes,
     /// Some scenes could not be read or written; another try may succeed.
     Retry,
+    /// Scenes met a defect of this program; the others are done.
+    Defect,
 }
 
 /// `EX_DATAERR` of `sysexits.h`.
 const BAD_SCENES: u8 = 65;
 /// `EX_IOERR` of `sysexits.h`.
 const RETRY: u8 = 74;
+/// `EX_SOFTWARE` of `sysexits.h`.
+const DEFECT: u8 = 70;
 
 impl Outcome {
     /// The exit code.
@@ -35,6 +40,7 @@ impl Outcome {
             Self::NotHeld => 1,
             Self::BadScenes => BAD_SCENES,
             Self::Retry => RETRY,
+            Self::Defect => DEFECT,
         }
     }
 }
@@ -43,6 +49,13 @@ impl From<Outcome> for ExitCode {
     fn from(outcome: Outcome) -> Self {
         Self::from(outcome.code())
     }
+}
+
+/// The result of work on a scene. A panic within is an error of that scene.
+///
+/// *Errors*: those of `work`; a [`defect::Defect`].
+pub(crate) fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    defect::caught(work)?
 }
 
 /// The exit code of a command that an error ended.

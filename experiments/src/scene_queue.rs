@@ -13,7 +13,7 @@ use std::{
 
 use anyhow::Result;
 use rayon::prelude::*;
-use sage_core::{files, statistics};
+use sage_core::{defect, files, statistics};
 use sage_data::{ReadOptions, folder};
 use serde_json::{Value, json};
 
@@ -236,6 +236,10 @@ fn work(
     let (stopped, times) = (Mutex::new(None), Mutex::new(Vec::new()));
     let records: Mutex<Vec<Option<SceneRecord>>> = Mutex::new(vec![None; inputs.len()]);
     let locked_stop = || stopped.lock().unwrap_or_else(PoisonError::into_inner);
+    // A defect that one scene brings about costs that scene.
+    let one = |input: &Input| {
+        defect::caught(|| one(input)).unwrap_or_else(|defect| Err(Failure::Scene(defect.into())))
+    };
     rayon::broadcast(|_| {
         while locked_stop().is_none() {
             let number = next.fetch_add(1, Ordering::Relaxed);

@@ -25,7 +25,7 @@ use sage_data::{ReadOptions, checks, folder, womd};
 use crate::{
     Outcome,
     cli::SplitArgs,
-    outcome::EndsWith,
+    outcome::{EndsWith, caught},
     output,
     progress::{self, Progress, count},
 };
@@ -233,7 +233,7 @@ impl Scenes {
             let results: Vec<Result<Option<T>>> = window
                 .par_iter()
                 .with_max_len(1)
-                .map(|entry| entry.load(&self.options)?.map(|data| work(&data)).transpose())
+                .map(|entry| caught(|| entry.load(&self.options)?.map(|data| work(&data)).transpose()))
                 .collect();
             for (entry, result) in window.iter().zip(results) {
                 match result {
@@ -270,7 +270,7 @@ impl Scenes {
                 let kept = keep(&data).map(|()| Entry { content, ..entry.clone() });
                 Ok((kept, said.collect()))
             };
-            let checked: Vec<Result<Checked>> = window.par_iter().with_max_len(1).map(check).collect();
+            let checked: Vec<Result<Checked>> = window.par_iter().with_max_len(1).map(|entry| caught(|| check(entry))).collect();
             for (entry, found) in window.iter().zip(checked) {
                 progress.step();
                 let (kept, said) = match found {
@@ -372,7 +372,7 @@ impl Scenes {
         let mut size = 0;
         for window in self.entries.chunks(WINDOW) {
             let scenes: Vec<Result<Option<Arc<SceneData>>>> =
-                window.par_iter().with_max_len(1).map(|entry| entry.load(&self.options)).collect();
+                window.par_iter().with_max_len(1).map(|entry| caught(|| entry.load(&self.options))).collect();
             for (entry, data) in window.iter().zip(scenes) {
                 progress.step();
                 let data = match data {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use anyhow::{Result, anyhow};
 use rayon::prelude::*;
-use sage_core::scene::SceneData;
+use sage_core::{defect, scene::SceneData};
 use serde::{Deserialize, Serialize};
 
 use crate::{measure::SceneResult, plan::Plan, rows::Results};
@@ -94,8 +94,11 @@ pub fn run(
             return Measured::Known(stored);
         }
         let (scene, content) = (names[number].clone(), scenes.content(number));
-        match scenes.load(number) {
-            Ok(Some(data)) => Measured::New(Stored { scene, content, result: plan.measure(&data) }),
+        let loaded = || scenes.load(number);
+        // A defect that one scene brings about costs that scene.
+        let measured = defect::caught(|| Ok(loaded()?.map(|data| plan.measure(&data))));
+        match measured.unwrap_or_else(|defect| Err(defect.into())) {
+            Ok(Some(result)) => Measured::New(Stored { scene, content, result }),
             Ok(None) => Measured::None,
             // Not stored: the next run may be able to read it.
             Err(error) => Measured::Failed(error),

@@ -19,6 +19,7 @@
 //! ```
 
 pub mod content_hash;
+pub mod defect;
 pub mod error;
 pub mod files;
 pub mod generator;

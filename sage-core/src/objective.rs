@@ -27,6 +27,7 @@ mod drivable;
 mod ego;
 mod encounter;
 mod evaluation;
+mod ground;
 mod kinematic;
 mod lane_distance;
 mod map_feasibility;

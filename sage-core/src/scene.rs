@@ -1,20 +1,25 @@
 //! A recorded traffic scene: plain data, validated once by the reader.
 
 mod adversary;
+mod hitch;
 mod index;
 mod levels;
 mod light;
 mod map;
 mod map_order;
+mod off_road;
 mod scene_data;
 mod sidewalks;
 mod track;
 mod tracks;
 
 pub use adversary::{is_copy_of_ego, path_conflict, select_adversary};
+pub use hitch::Hitch;
 pub use index::{SceneIndex, Sided};
+pub use levels::{LEVEL_GAP, Levels, is_one_level};
 pub use light::{LightState, TrafficLight};
 pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
+pub use off_road::{EdgesSinceStart, recording_off_road};
 pub use scene_data::SceneData;
 pub use sidewalks::Sidewalks;
 pub use track::{Track, TrackKind};
@@ -100,13 +105,14 @@ impl Scene {
         })
     }
 
-    /// Whether the recorded boxes of ego and adversary overlap *now*, borders excluded.
+    /// Whether the recorded boxes of ego and adversary overlap *now* on one level, borders excluded.
     pub fn is_in_contact_now(&self) -> bool {
         let Some(adversary) = self.adversary.map(|k| &self.tracks[k]) else { return false };
         let ego = self.ego();
         ego.is_valid(NOW)
             && adversary.is_valid(NOW)
             && ego.oriented_box(NOW).overlap_depth(&adversary.oriented_box(NOW)) > 0.0
+            && !Levels::of(&self.map).differ_at(NOW, ego, adversary)
     }
 
     /// Refuses a scene in which ego and adversary overlap *now*.
@@ -181,7 +187,7 @@ impl Scene {
                 );
             }
             if adversary.is_none() {
-                (self.adversary, self.adversary_origin) = select_adversary(&self.tracks, self.ego);
+                (self.adversary, self.adversary_origin) = select_adversary(&self.tracks, self.ego, &Levels::of(&self.map));
             }
         }
         if let Some(id) = adversary {
@@ -195,7 +201,7 @@ impl Scene {
             (self.adversary, self.adversary_origin) = (Some(index), AdversaryOrigin::User);
         }
         if let Some(index) = self.adversary.filter(|index| *index != self.ego)
-            && is_copy_of_ego(&self.tracks[index], self.ego())
+            && is_copy_of_ego(&self.tracks[index], self.ego(), &Levels::of(&self.map))
         {
             let problem = format!(
                 "track `{}` cannot be the adversary: it is a second recording of the ego",

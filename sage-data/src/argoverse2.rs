@@ -5,7 +5,6 @@
 
 mod decode;
 mod edges;
-mod guarded;
 mod lanes;
 mod map_file;
 mod pages;
@@ -13,7 +12,7 @@ mod rows;
 
 use sage_core::{
     motion::{HISTORY, NOW},
-    scene::{AdversaryOrigin, Scene, Track, TrackKind, select_adversary},
+    scene::{AdversaryOrigin, Levels, Scene, Track, TrackKind, select_adversary},
 };
 
 pub(crate) use decode::document;
@@ -50,7 +49,7 @@ pub(crate) fn adversary(scene: &Scene, category: impl Fn(&str) -> i64) -> (Optio
         let chosen: Vec<usize> = (0..scene.tracks.len()).filter(may).collect();
         let tracks: Vec<Track> = chosen.iter().map(|k| scene.tracks[*k].clone()).collect();
         let ego = chosen.iter().position(|k| *k == scene.ego).unwrap_or(0);
-        if let (Some(found), origin) = select_adversary(&tracks, ego) {
+        if let (Some(found), origin) = select_adversary(&tracks, ego, &Levels::of(&scene.map)) {
             return (Some(chosen[found]), origin);
         }
     }

@@ -4,12 +4,15 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use sage_core::{
     motion::{DT, HISTORY, HORIZON, LEAST_HORIZON, NOW},
-    scene::{AdversaryOrigin, MapKind, Scene, SceneIndex, Track, TrackKind},
+    scene::{AdversaryOrigin, Hitch, MapKind, Scene, SceneIndex, Track, TrackKind, recording_off_road},
 };
 use serde::Serialize;
 
 pub use crate::warning::Warning;
-use crate::{Capabilities, contradictions, repairs::Repair};
+use crate::{
+    Capabilities, contradictions, headings,
+    repairs::{Repair, gaps},
+};
 
 /// Height difference above which two roads are on different levels, metres.
 const LEVEL: f64 = 3.0;
@@ -22,6 +25,9 @@ const NEAR: f64 = 20.0;
 /// Longest step of a recording at 10 Hz that is not named, seconds, and deviation of its time after 8 s.
 const LONGEST_STEP: f64 = 0.15;
 const MOST_DRIFT: f64 = 0.02;
+
+/// Gaps of a track that comes and goes.
+const FLICKER: usize = 3;
 
 /// Longest box that is tested against road edges, metres: road trains reach 54 m.
 const LONGEST: f64 = 100.0;
@@ -120,6 +126,7 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     for note in &scene.notes {
         match Repair::of(note) {
             Some((kind, text)) => warn(kind.name(), text.to_owned()),
+            None if let Some(text) = note.strip_prefix(gaps::NOTE) => warn("held-in-gap", text.to_owned()),
             None if note.contains("swapped") => warn("swapped-sizes", note.clone()),
             None => warn("note", note.clone()),
         }
@@ -196,7 +203,29 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         };
         warn("no-road-edges", detail.to_owned());
     }
-    on_edges_now(scene, &mut warn);
+    let index = SceneIndex::new(scene.map.clone());
+    on_edges_now(scene, &index, &mut warn);
+    if let Some((frame, feature)) = recording_off_road(scene, &index) {
+        let edge = scene.map.features[feature as usize].id.escape_debug();
+        let detail = format!(
+            "the ego's recording crosses the road edge `{edge}` at frame {frame}: an entrance is missing in the map; tables do not \
+             count where a driver leaves the road in this scene"
+        );
+        warn("recording-off-road", detail);
+    }
+    of_trailers(scene, &mut warn);
+    if let Some(track) = scene.adversary.map(|k| &scene.tracks[k]).filter(|t| t.kind != TrackKind::Vehicle) {
+        let (id, kind) = (track.id.escape_debug(), track.kind.name().escape_debug());
+        let detail = format!("the adversary `{id}` is a {kind}: plans and rules are those of a car");
+        warn("adversary-kind", detail);
+    }
+    let flickering = scene.tracks.iter().filter(|track| gaps_of(track) >= FLICKER).count();
+    if flickering > 0 {
+        let words = if flickering == 1 { "1 track has" } else { &format!("{flickering} tracks have") };
+        warn("flickering-tracks", format!("{words} {FLICKER} gaps or more; a contact just after one is nobody's fault"));
+    }
+    found.extend(headings::at_deciding_frames(scene));
+    found.extend(headings::of_standing(scene));
     found.extend(uneven_times(scene));
     found.extend(contradictions::find(scene));
     found
@@ -267,9 +296,25 @@ fn passes_on_another_level(ego: &Track, track: &Track) -> bool {
     })
 }
 
+/// Number of gaps in a recording.
+fn gaps_of(track: &Track) -> usize {
+    let ends = track.valid.windows(2).filter(|pair| pair[0] && !pair[1]).count();
+    ends.saturating_sub(usize::from(track.valid.last() == Some(&false)))
+}
+
+/// Adds a warning about trailers of ego and adversary.
+fn of_trailers(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
+    let cars = [("ego", Some(scene.ego)), ("adversary", scene.adversary)];
+    for (role, hitch) in cars.map(|(role, car)| (role, car.and_then(|car| Hitch::of(scene, car)))) {
+        let Some(Hitch { car, trailer, .. }) = hitch else { continue };
+        let [car, trailer] = [car, trailer].map(|k| scene.tracks[k].id.escape_debug());
+        let detail = format!("`{trailer}` moves with the {role} `{car}` as a trailer does: it is towed along");
+        warn("trailer", detail);
+    }
+}
+
 /// Adds a warning about vehicles whose box touches a road boundary, or is on a sidewalk, *now*.
-fn on_edges_now(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
-    let index = SceneIndex::new(scene.map.clone());
+fn on_edges_now(scene: &Scene, index: &SceneIndex, warn: &mut impl FnMut(&'static str, String)) {
     let (edges, sidewalks) = (index.boundaries(), index.sidewalks());
     let touches = |track: &Track| {
         // A box larger than any vehicle could intersect the bounds of the whole map.

@@ -106,7 +106,9 @@ fn times(scene: &Scene) -> Option<Warning> {
     let detail = || {
         format!(
             "positions move as far in a frame as the velocities do in {implied:.3} s, but a frame lasts {DT} s; likely \
-             cause: the times or `sample_rate` of the file are wrong, or velocities are not in m/s"
+             cause: the times or `sample_rate` of the file are wrong, or velocities are not in m/s; a file without times, \
+             such as JSON of GPUDrive, is read at that rate with --rate {:.0}",
+            1.0 / implied
         )
     };
     // Velocities of 0 say nothing.

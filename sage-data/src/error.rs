@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use sage_core::defect::Defect;
+
 use crate::{
     pickle::PickleError,
     womd::{FrameProblem, MessageError},
@@ -96,6 +98,15 @@ pub enum Error {
         path: PathBuf,
         /// What is wrong, and where.
         problem: MessageError,
+    },
+    /// A defect of this program that a scene brings about.
+    #[error("`{}`", path.display())]
+    Defect {
+        /// The file.
+        path: PathBuf,
+        /// The defect.
+        #[source]
+        source: Defect,
     },
     /// A folder without a scene.
     #[error(

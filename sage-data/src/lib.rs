@@ -31,6 +31,7 @@ mod foreign;
 mod format;
 mod gpudrive;
 mod gzip;
+mod headings;
 mod json;
 mod lane_links;
 mod lane_polygon;

@@ -4,6 +4,7 @@ mod decode;
 mod encode;
 mod fields;
 mod fresh;
+mod lights;
 mod retime;
 mod summary;
 mod tracks;

@@ -18,6 +18,7 @@ mod objects;
 mod opcode;
 mod same;
 mod text;
+mod text_arrays;
 mod walk;
 mod writer;
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// How a scene file is read. The default takes a file as it is and mends what is safe to mend ([`crate::repairs`]).
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReadOptions {
     /// The frame at 10 Hz that becomes *now*: the scene is the window from 10 frames before it to 80 after it.
@@ -11,6 +11,9 @@ pub struct ReadOptions {
     pub now: Option<usize>,
     /// Also resamples recordings below 5 Hz.
     pub resample: bool,
+    /// Frames per second of a file without times.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
     /// Recomputes velocities and headings from positions.
     pub trust_positions: bool,
     /// The road user that is the ego in place of the one that the file names, by its id.

@@ -2,6 +2,8 @@
 //!
 //! - [`clock`]: what the times of a file say about its frame rate.
 //! - [`resample`]: recordings at another rate are resampled to 10 Hz.
+//! - `gaps`: road users that stand and are not seen for a while.
+//! - `edges`: road edges at heights that cannot be true.
 //! - [`window`]: another frame becomes *now*.
 //! - [`motion`]: velocities and headings from positions, if asked for.
 //! - [`sizes`]: road users without a size.
@@ -9,6 +11,8 @@
 //! The file keeps everything: writing an unchanged scene back gives the original frames.
 
 pub mod clock;
+mod edges;
+pub(crate) mod gaps;
 pub mod motion;
 pub mod resample;
 pub mod sizes;
@@ -23,7 +27,7 @@ use std::path::Path;
 
 use sage_core::{
     motion::{DT, HISTORY, NOW},
-    scene::{AdversaryOrigin, Scene, Track, is_copy_of_ego, select_adversary},
+    scene::{AdversaryOrigin, Levels, Scene, Track, TrackKind, is_copy_of_ego, select_adversary},
 };
 
 use crate::{Error, ReadOptions, Recording, metadrive::MAX_FRAMES};
@@ -38,6 +42,8 @@ pub enum Repair {
     FrameRate,
     /// A track that cannot be used.
     TrackLeftOut,
+    /// A traffic light that cannot be used.
+    LightLeftOut,
     /// A road user without a size.
     NoSize,
     /// A second recording of the ego.
@@ -48,18 +54,22 @@ pub enum Repair {
     MapValues,
     /// A record without an id: the name that it is given decides its seeds.
     NoId,
+    /// The road user that the file names as the adversary is passed over.
+    NamedAdversary,
 }
 
 impl Repair {
     /// All kinds.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 9] = [
         Self::FrameRate,
         Self::TrackLeftOut,
+        Self::LightLeftOut,
         Self::NoSize,
         Self::EgoCopy,
         Self::TrustPositions,
         Self::MapValues,
         Self::NoId,
+        Self::NamedAdversary,
     ];
 
     /// Its name in notes and warnings.
@@ -67,11 +77,13 @@ impl Repair {
         match self {
             Self::FrameRate => "frame-rate",
             Self::TrackLeftOut => "track-left-out",
+            Self::LightLeftOut => "light-left-out",
             Self::NoSize => "no-size",
             Self::EgoCopy => "ego-copy",
             Self::TrustPositions => "trust-positions",
             Self::MapValues => "map-values",
             Self::NoId => "no-id",
+            Self::NamedAdversary => "named-adversary",
         }
     }
 
@@ -128,7 +140,7 @@ pub struct Decoded {
 /// valid *now*.
 pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result<Decoded, Error> {
     let Draft { mut scene, mut named, sample_rate, now_index } = draft;
-    let clock = Clock::of(&mut scene, sample_rate, options.resample, path)?;
+    let clock = Clock::of(&mut scene, sample_rate, options, path)?;
     if let Clock::Other { times, step } = &clock {
         resample::check_size(&scene, times, *step, path)?;
     }
@@ -141,6 +153,7 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
         scene.notes.push(Repair::FrameRate.note(text.replace(".000", "")));
         frames = Some(resample::to_ten_hertz(&mut scene, times, *step));
     }
+    gaps::hold(&mut scene);
     if let Some(now) = options.now {
         let kept = window::around(&mut scene, now, path)?;
         frames = Some(match frames {
@@ -181,21 +194,39 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
         let found = format!("`{}`, which is not valid at frame {NOW}", scene.ego().id);
         return Err(wrong("metadata/sdc_id", found, "an ego that is valid at that frame".to_owned()));
     }
+    edges::leave_out(&mut scene);
     let has_history = |track: &Track| track.valid[..=NOW].contains(&true);
+    named = pass_over(&mut scene, named);
     (scene.adversary, scene.adversary_origin) = match named.filter(|track| has_history(&scene.tracks[*track]))
     {
         Some(track) => (Some(track), AdversaryOrigin::File),
-        None => select_adversary(&scene.tracks, scene.ego),
+        None => select_adversary(&scene.tracks, scene.ego, &Levels::of(&scene.map)),
     };
     let is_chosen = options.now.is_some() || options.resample && frames.is_some();
     Ok(Decoded { scene, frames, is_chosen })
 }
 
+/// The road user that the file names as the adversary, if it is a vehicle.
+fn pass_over(scene: &mut Scene, named: Option<usize>) -> Option<usize> {
+    let track = &scene.tracks[named?];
+    if track.kind == TrackKind::Vehicle {
+        return named;
+    }
+    let text = format!(
+        "the file names `{}`, a {}, as object of interest; only vehicles are chosen as the adversary, and --adversary names any",
+        track.id.escape_debug(),
+        track.kind.name().escape_debug()
+    );
+    scene.notes.push(Repair::NamedAdversary.note(text));
+    None
+}
+
 /// Leaves out vehicles that are a second recording of the ego: the ego would meet itself.
 fn leave_out_copies(scene: &mut Scene, named: &mut Option<usize>) {
+    let levels = Levels::of(&scene.map);
     let is_copy = |k: usize| {
         let (track, ego) = (&scene.tracks[k], scene.ego());
-        k != scene.ego && is_copy_of_ego(track, ego)
+        k != scene.ego && is_copy_of_ego(track, ego, &levels)
     };
     let copies: Vec<usize> = (0..scene.tracks.len()).filter(|k| is_copy(*k)).collect();
     for k in copies.into_iter().rev() {

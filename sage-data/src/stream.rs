@@ -5,6 +5,8 @@ use std::{
     vec,
 };
 
+use sage_core::defect;
+
 pub use crate::map_in_order::map_in_order;
 use crate::{
     Error, ReadOptions, Recording, folder, recording,
@@ -133,6 +135,19 @@ impl Item {
             Content::Record(record) => record.read(options),
             Content::Broken(error) => Err(error),
         }
+    }
+
+    /// As [`Item::read`], with some work on the recording. A panic in either is an error of this scene.
+    ///
+    /// *Errors*: as [`Item::read`], those of `work`, and [`Error::Defect`].
+    pub fn read_and<T>(
+        self,
+        options: &ReadOptions,
+        work: impl FnOnce(Recording) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        let path = self.path.clone();
+        defect::caught(|| self.read(options).and_then(work))
+            .unwrap_or_else(|source| Err(Error::Defect { path, source }))
     }
 
     /// Bytes that the item holds in memory.

@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::repairs::Repair;
 
 /// Kinds of warnings that change what is computed, besides the notes of [`Repair`].
-const IMPORTANT: [&str; 9] = [
+const IMPORTANT: [&str; 14] = [
     "short-recording",
     "contact-now",
     "no-road-edges",
@@ -15,6 +15,11 @@ const IMPORTANT: [&str; 9] = [
     "jumps",
     "speed-beyond-vehicles",
     "size-beyond-vehicles",
+    "heading-against-motion",
+    "turns-while-standing",
+    "recording-off-road",
+    "trailer",
+    "adversary-kind",
 ];
 
 /// A warning about a scene.

@@ -1,16 +1,24 @@
 //! Writes an attack into its scene.
 
-use sage_core::{motion::Trajectory, scene::Scene};
+use sage_core::{
+    motion::Trajectory,
+    scene::{Hitch, Scene},
+};
 
 /// The scene in which the adversary follows an attack. Its frames 11 to 90, as far as they are recorded, are rewritten
-/// (position, heading, velocity, the size at *now*, valid) and later frames are not valid. Nothing else changes.
+/// (position, heading, velocity, the size at *now*, valid) and later frames are not valid. A trailer of the adversary follows
+/// it. Nothing else changes.
 ///
 /// *Errors*: a scene without an adversary, or one too short to hold the attack.
 pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::Error> {
     let adversary = scene.adversary_index()?;
     scene.attackable_horizon()?;
     let mut scene = scene.clone();
+    let hitch = Hitch::of(&scene, adversary);
     scene.tracks[adversary] = scene.tracks[adversary].following(attack);
+    if let Some(hitch) = hitch {
+        scene.tracks[hitch.trailer] = hitch.towed(&scene.tracks[hitch.trailer], &scene.tracks[adversary]);
+    }
     Ok(scene)
 }
 

@@ -3,12 +3,12 @@
 use std::{
     cell::{Cell, RefCell},
     io,
-    panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
     time::Instant,
 };
 
 use pyo3::{exceptions::PyException, import_exception, prelude::*};
+use sage_core::defect::{self, Defect};
 
 import_exception!(advsage.errors, FormatError);
 import_exception!(advsage.errors, SceneError);
@@ -32,8 +32,6 @@ enum Kind<'e> {
 }
 
 thread_local! {
-    /// Whether a panic of this thread becomes an exception, so that nothing is printed of it.
-    static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
     /// What a planner raised last on this thread.
     static RAISED: RefCell<Option<PyErr>> = const { RefCell::new(None) };
     /// Seconds in the libraries.
@@ -50,28 +48,11 @@ pub(crate) fn take_raised() -> Option<PyErr> {
     RAISED.take()
 }
 
-/// Keeps panics that become exceptions from printing.
-pub(crate) fn silence_guarded_panics() {
-    let print = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |info| {
-        if !IS_GUARDED.get() {
-            print(info);
-        }
-    }));
-}
-
 /// What a call computes. A panic within is an error, which `except Exception` catches.
 ///
 /// *Errors*: those of `work`.
 pub(crate) fn caught<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<T> {
-    let before = IS_GUARDED.replace(true);
-    let outcome = catch_unwind(AssertUnwindSafe(work));
-    IS_GUARDED.set(before);
-    outcome.unwrap_or_else(|panic| {
-        let text = panic.downcast_ref::<String>().map(String::as_str);
-        let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
-        Err(Panicked(text.to_owned()).into())
-    })
+    defect::caught(work)?
 }
 
 /// An exception on its way through work that knows no Python.
@@ -96,18 +77,6 @@ pub(crate) fn panicking(py: Python<'_>) -> PyResult<()> {
     detached(py, || panic!("on purpose"))
 }
 
-/// A panic of a library.
-#[derive(Debug)]
-struct Panicked(String);
-
-impl std::fmt::Display for Panicked {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        write!(f, "a defect of advsage: {}; please report it with the input", self.0)
-    }
-}
-
-impl std::error::Error for Panicked {}
-
 /// Works without Python's lock, so that other threads run meanwhile.
 ///
 /// *Errors*: those of `work`, as exceptions.
@@ -131,7 +100,7 @@ pub(crate) fn seconds() -> f64 {
 /// The exception of an error.
 pub(crate) fn to_python(py: Python<'_>, error: &anyhow::Error) -> PyErr {
     let text = format!("{error:#}");
-    if error.is::<Panicked>() {
+    if error.is::<Defect>() {
         return InternalError::new_err(text);
     }
     if let Some(Raised(raised)) = error.downcast_ref() {

@@ -14,7 +14,7 @@ use sage_data::{Error, ReadOptions, dataset::Shard, folder, womd::is_record_path
 
 use crate::{
     errors::{OptionError, detached},
-    loading::Reading,
+    loading::{Reading, checked_rate},
     scene::PyScene,
     values::Reduced,
 };
@@ -66,11 +66,11 @@ impl PyScenes {
     fn __reduce__<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<Reduced<'py, (PathBuf, Vec<PathBuf>, (Option<usize>, [bool; 4]))>> {
+    ) -> PyResult<Reduced<'py, (PathBuf, Vec<PathBuf>, (Option<usize>, Option<f64>, [bool; 4]))>> {
         let Reading { options, keep_source } = &self.reading;
         let flags = [options.resample, options.trust_positions, options.strict, *keep_source];
         let rebuild = py.get_type::<Self>().getattr("_of_files")?;
-        Ok((rebuild, (self.folder.clone(), self.files.clone(), (options.now, flags))))
+        Ok((rebuild, (self.folder.clone(), self.files.clone(), (options.now, options.rate, flags))))
     }
 
     #[classmethod]
@@ -78,10 +78,10 @@ impl PyScenes {
         _class: &Bound<'_, PyType>,
         folder: PathBuf,
         files: Vec<PathBuf>,
-        reading: (Option<usize>, [bool; 4]),
+        reading: (Option<usize>, Option<f64>, [bool; 4]),
     ) -> Self {
-        let (now, [resample, trust_positions, strict, keep_source]) = reading;
-        let options = ReadOptions { now, resample, trust_positions, strict, ..ReadOptions::default() };
+        let (now, rate, [resample, trust_positions, strict, keep_source]) = reading;
+        let options = ReadOptions { now, resample, rate, trust_positions, strict, ego_track: None };
         Self { folder, files, reading: Reading { options, keep_source } }
     }
 
@@ -124,7 +124,7 @@ pub(crate) fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
 ///
 /// `shard=(K, N)` takes the K-th of N parts (K from 1), the same as `sage generate --shard K/N`.
 #[pyfunction]
-#[pyo3(signature = (path, *, shard=None, now=None, resample=false, trust_positions=false, strict=false, keep_source=true))]
+#[pyo3(signature = (path, *, shard=None, now=None, resample=false, rate=None, trust_positions=false, strict=false, keep_source=true))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn load_folder(
     py: Python<'_>,
@@ -132,6 +132,7 @@ pub(crate) fn load_folder(
     #[pyo3(from_py_with = crate::seed::shard)] shard: Option<(u32, u32)>,
     #[pyo3(from_py_with = crate::seed::optional_count)] now: Option<usize>,
     resample: bool,
+    rate: Option<f64>,
     trust_positions: bool,
     strict: bool,
     keep_source: bool,
@@ -139,7 +140,7 @@ pub(crate) fn load_folder(
     let shard = shard.map(|(number, of)| format!("{number}/{of}").parse::<Shard>());
     let shard = shard.transpose().map_err(|problem| OptionError::new_err(format!("shard: {problem}")))?;
     let reading = Reading {
-        options: ReadOptions { now, resample, trust_positions, strict, ..ReadOptions::default() },
+        options: ReadOptions { now, resample, rate: checked_rate(rate)?, trust_positions, strict, ego_track: None },
         keep_source,
     };
     detached(py, || {

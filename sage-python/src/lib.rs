@@ -38,7 +38,6 @@ use pyo3::prelude::*;
 
 #[pymodule(gil_used = true)]
 fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    errors::silence_guarded_panics();
     // One thread works on one scene: products are never split, whatever the environment says.
     gemm::set_threading_threshold(usize::MAX);
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;

@@ -37,11 +37,11 @@ impl Reading {
 ///
 /// - `ego`, `adversary`: track ids, in place of those of the file.
 /// - `now`: the frame at 10 Hz that becomes now; the scene is then the window from 1 s before it to 8 s after it.
-/// - `resample`: also take recordings below 5 Hz. `trust_positions`: compute velocities and headings from positions.
+/// - `resample`: also take recordings below 5 Hz. `rate`: frames per second of a file without times. `trust_positions`: compute velocities and headings from positions.
 /// - `strict`: refuse a scene in which a track cannot be used, in place of leaving the track out with a note.
 /// - `keep_source=False`: drop what the file holds beyond the scene, which halves the memory; the scene is written as a new file then.
 #[pyfunction]
-#[pyo3(signature = (path, *, ego=None, adversary=None, now=None, resample=false, trust_positions=false, strict=false, keep_source=true))]
+#[pyo3(signature = (path, *, ego=None, adversary=None, now=None, resample=false, rate=None, trust_positions=false, strict=false, keep_source=true))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn load(
     py: Python<'_>,
@@ -50,11 +50,13 @@ pub(crate) fn load(
     adversary: Option<String>,
     #[pyo3(from_py_with = crate::seed::optional_count)] now: Option<usize>,
     resample: bool,
+    rate: Option<f64>,
     trust_positions: bool,
     strict: bool,
     keep_source: bool,
 ) -> PyResult<PyScene> {
-    let options = ReadOptions { now, resample, trust_positions, ego_track: ego, strict };
+    let rate = checked_rate(rate)?;
+    let options = ReadOptions { now, resample, rate, trust_positions, ego_track: ego, strict };
     let reading = Reading { options, keep_source };
     detached(py, || {
         if path.is_dir() {
@@ -71,6 +73,14 @@ pub(crate) fn load(
         let data = SceneData { name: data.name.clone(), scene: Arc::new(changed), index: data.index.clone() };
         Ok(PyScene::new(Arc::new(data), origin))
     })
+}
+
+/// A number of frames per second.
+pub(crate) fn checked_rate(rate: Option<f64>) -> PyResult<Option<f64>> {
+    match rate.filter(|rate| !(0.5..=1000.0).contains(rate)) {
+        Some(rate) => Err(OptionError::new_err(format!("rate is {rate}; expected frames per second, such as 20"))),
+        None => Ok(rate),
+    }
 }
 
 /// A procedural scene: no recording, no licence.

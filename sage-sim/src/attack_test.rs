@@ -173,7 +173,7 @@ impl AttackPath {
 
 /// The scene with a drive in place of the ego's recording; without a drive the scene itself.
 pub fn recorded(scene: &SimScene, drive: Option<&Drive>) -> Arc<Scene> {
-    drive.map_or_else(|| scene.scene().clone(), |drive| Arc::new(drive.recorded(scene.scene())))
+    drive.map_or_else(|| scene.scene().clone(), |drive| Arc::new(drive.recorded(scene)))
 }
 
 /// Whether a driver in the ego's place does not touch an attacking adversary; `None` if it meets another road user
@@ -257,7 +257,7 @@ impl AttackOutcome {
         let Some(contact) = self.episode.contacts.first().filter(|_| self.verdict.attack) else {
             return Ok(None);
         };
-        let attacked: Arc<Scene> = self.episode.drive.recorded(self.scene.scene()).into();
+        let attacked: Arc<Scene> = self.episode.drive.recorded(&self.scene).into();
         let ctx = Context::new(&attacked, self.scene.index(), &ContextOptions::default())?;
         let step = contact.contact.step.checked_sub(NOW);
         Ok(Some(Avoidance::new(&ctx, search)?.of_contact(&ctx.candidate(self.attack.clone()), step)))

@@ -22,6 +22,7 @@ use sage_core::{
     geometry::{OrientedBox, Point, dot, sub},
     motion::{DT, NOW},
     objective::{Candidate, Context, Encounter},
+    scene::{Hitch, is_one_level},
 };
 use serde::{Deserialize, Serialize};
 
@@ -33,7 +34,7 @@ use car::Car;
 use manoeuvres::{Manoeuvre, manoeuvres};
 use motion::Motion;
 use reference_line::ReferenceLine;
-use surroundings::{HEIGHT_GAP, Moving, Passed, Surroundings, plan};
+use surroundings::{Moving, Passed, Surroundings, plan};
 
 /// An evasive manoeuvre: box centre and heading at the 80 steps, metres and rad, world frame.
 pub type Witness = Vec<[f64; 3]>;
@@ -178,9 +179,11 @@ impl Avoidance {
             return Some("the map has no road edges".to_owned());
         }
         let now = &self.path[0];
+        let trailer = Hitch::of(scene, scene.ego).map(|hitch| hitch.trailer);
         let touching = |k: usize| {
             let track = &scene.tracks[k];
-            track.is_valid(NOW) && k != scene.ego && track.oriented_box(NOW).intersects(now)
+            let is_other = k != scene.ego && Some(k) != trailer;
+            track.is_valid(NOW) && is_other && track.oriented_box(NOW).intersects(now)
         };
         let found = (0..scene.tracks.len()).find(|k| touching(*k) && !self.is_other_level(*k))?;
         Some(format!("the ego touches `{}` now", scene.tracks[found].id))
@@ -189,8 +192,7 @@ impl Avoidance {
     /// Whether a track is above or below the ego *now*.
     fn is_other_level(&self, track: usize) -> bool {
         let scene = self.ctx.scene();
-        let height = |k: usize| scene.tracks[k].position[NOW][2] - 0.5 * scene.tracks[k].size[NOW][2];
-        (height(track) - height(scene.ego)).abs() > HEIGHT_GAP
+        !is_one_level(scene.tracks[track].ground(NOW), scene.ego().ground(NOW))
     }
 
     /// Whether a plan of the adversary is avoidable.
@@ -256,7 +258,8 @@ impl Avoidance {
             return Err("the ego's path has a gap before the contact".to_owned());
         }
         let track = self.ctx.scene().adversary_index().unwrap_or_default();
-        let adversary = plan(track, candidate.box_now(), candidate.boxes());
+        let is_level = |step: usize| self.ctx.ego().is_on_level_of(candidate, step);
+        let adversary = plan(track, candidate.box_now(), candidate.boxes(), is_level);
         Ok((contact, Attack { prefix: self.prefix(contact, &adversary), adversary }))
     }
 

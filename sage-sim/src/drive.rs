@@ -20,6 +20,9 @@ use crate::{
     world::{Contact, Control, World, WorldOptions},
 };
 
+/// Frames after an appearance within which a contact is due to it.
+const APPEARANCE: usize = 3;
+
 /// A contact of the car with one road user: the first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DriveContact {
@@ -35,6 +38,8 @@ pub struct DriveContact {
     pub areas: [OrientedBox; 2],
     /// Velocities of the car and of the other in that step until they meet, m/s.
     pub velocities: [Point; 2],
+    /// Whether the other came into being within 0.3 s before: recordings have gaps.
+    pub appeared: bool,
 }
 
 /// A simulation with its drivers.
@@ -263,12 +268,13 @@ impl Drive {
     }
 
     /// The scene in which the ego's recording is this drive. Frames after its end are not valid. Heights are
-    /// those of the log.
-    pub fn recorded(&self, scene: &Scene) -> Scene {
-        let mut scene = scene.clone();
+    /// those of the log; on a map with levels the drive follows the lanes of its own.
+    pub fn recorded(&self, simulated: &SimScene) -> Scene {
+        let mut scene = Scene::clone(simulated.scene());
         let size = BodyShape::at_now(scene.ego()).size;
         let track = &mut scene.tracks[scene.ego];
         let (mut height, mut extent) = (track.position[0][2], track.size[0]);
+        let (mut ground, has_levels) = (track.ground(0), simulated.has_levels());
         for frame in 0..track.valid.len() {
             if track.valid[frame] {
                 (height, extent) = (track.position[frame][2], track.size[frame]);
@@ -276,6 +282,10 @@ impl Drive {
             track.valid[frame] = frame < self.motions.len();
             if let Some(motion) = self.motions.get(frame) {
                 let [x, y] = motion.position;
+                if has_levels {
+                    ground = simulated.follow_level([x, y], ground);
+                    height = ground + 0.5 * extent[2];
+                }
                 track.position[frame] = [x, y, height];
                 track.heading[frame] = motion.heading;
                 track.velocity[frame] = motion.velocity;
@@ -376,7 +386,8 @@ pub(crate) fn found(world: &World, contact: &Contact) -> Option<DriveContact> {
     let theirs = before.map_or(other.velocity, |body| travel(body.area.center, areas[1].center));
     let velocities = [travel(car.position, areas[0].center), theirs];
     let (step, substep) = (world.step_count(), contact.substep);
-    Some(DriveContact { step, substep, car, other: *other, areas, velocities })
+    let appeared = world.appearance_of(contact.track).is_some_and(|since| step <= since + APPEARANCE);
+    Some(DriveContact { step, substep, car, other: *other, areas, velocities, appeared })
 }
 
 /// Drives a policy to the end of the log, at most to the last frame of an episode.

@@ -266,7 +266,8 @@ impl Episode {
             let frame = c.contact.step;
             let is_same = |other: &DriveContact| other.other.track == adversary && other.step <= frame + SAME;
             let is_known = |other: &DriveContact| other.step <= frame || is_same(other);
-            frame > NOW && is_feasible && !unattacked.contacts.iter().any(is_known)
+            let is_own = frame > NOW && is_feasible && c.class != FaultClass::Appeared;
+            is_own && !unattacked.contacts.iter().any(is_known)
         });
         let is_vehicle = |c: &EpisodeContact| c.contact.other.kind == BodyKind::Vehicle;
         Verdict {
@@ -281,7 +282,7 @@ impl Episode {
 /// Whether an attack works on a driver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Verdict {
-    /// The ego's first contact is with the adversary, at frame 11 or later; the plan is feasible; without the
+    /// The ego's first contact is with the adversary, at frame 11 or later and not just after it appeared; the plan is feasible; without the
     /// attack there is no contact by then, and none with the adversary in the next 0.5 s.
     pub attack: bool,
     /// An attack in whose contact nuPlan's rule gives the fault to the ego.

@@ -42,13 +42,15 @@ pub enum FaultClass {
     LateralOffLane,
     /// The ego's side met the other on a map without lanes: not known.
     LateralUnknown,
+    /// The other was not recorded until shortly before: nobody's fault.
+    Appeared,
 }
 
 impl FaultClass {
     /// Whether the ego is at fault; `None` where the map cannot tell.
     pub fn is_at_fault(self) -> Option<bool> {
         match self {
-            Self::StoppedEgo | Self::ActiveRear | Self::LateralInLane => Some(false),
+            Self::StoppedEgo | Self::ActiveRear | Self::LateralInLane | Self::Appeared => Some(false),
             Self::StoppedTrack | Self::ActiveFront | Self::LateralOffLane => Some(true),
             Self::LateralUnknown => None,
         }
@@ -64,12 +66,14 @@ impl FaultClass {
             Self::LateralInLane => "a side contact, the ego in its lane",
             Self::LateralOffLane => "a side contact, the ego not in one lane",
             Self::LateralUnknown => "a side contact, on a map without lanes",
+            Self::Appeared => "the other appeared within 0.3 s before",
         }
     }
 
-    /// Number of nuPlan's rule that decides, 1 to 5.
+    /// Number of nuPlan's rule that decides, 1 to 5; 0 if another one does.
     pub fn rule(self) -> u8 {
         match self {
+            Self::Appeared => 0,
             Self::StoppedEgo => 1,
             Self::StoppedTrack => 2,
             Self::ActiveRear => 3,
@@ -81,6 +85,9 @@ impl FaultClass {
 
 /// Class of a contact.
 pub fn classify(contact: &DriveContact, car: &Vehicle, index: &SceneIndex) -> FaultClass {
+    if contact.appeared {
+        return FaultClass::Appeared;
+    }
     let [own, other] = &contact.areas;
     let speeds = [contact.car.speed(), contact.other.speed()];
     classify_meeting([own, other], speeds, contact.other.kind, car.rear, index)

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use sage_core::{
     geometry::Point,
     motion::{HORIZON, NOW},
-    scene::{Scene, SceneIndex, Track},
+    scene::{Hitch, LEVEL_GAP, Scene, SceneIndex, Track, recording_off_road},
 };
 
 use crate::{
@@ -21,8 +21,6 @@ pub const LAST_FRAME: usize = NOW + HORIZON;
 /// Length by which the route of a policy reaches beyond the log, metres.
 pub(crate) const GUIDE: f64 = 200.0;
 
-/// Height difference above which two objects are on different levels, metres.
-pub(crate) const LEVEL_GAP: f64 = 3.0;
 /// A shorter log gives no direction to drive in, metres.
 const SHORTEST_LOG: f64 = 1.0;
 
@@ -54,6 +52,8 @@ pub struct SimScene {
     ego_size: [f64; 2],
     parked: Vec<bool>,
     lines: Arc<[OnceLock<Lines>; 2]>,
+    hitches: [Option<Hitch>; 2],
+    recording_leaves: OnceLock<bool>,
 }
 
 impl SimScene {
@@ -101,6 +101,7 @@ impl SimScene {
             Route::of_frames(ego, 0..=LAST_FRAME, false).length()
         };
         let ego_size = BodyShape::at_now(ego).size.unwrap_or([4.5, 1.9]);
+        let hitches = [Some(scene.ego), scene.adversary].map(|car| car.and_then(|car| Hitch::of(&scene, car)));
         let parked = scene.tracks.iter().map(Track::is_parked).collect();
         Ok(Arc::new(Self {
             route,
@@ -110,6 +111,8 @@ impl SimScene {
             ego_size,
             parked,
             lines,
+            hitches,
+            recording_leaves: OnceLock::new(),
             scene,
             index,
         }))
@@ -150,6 +153,16 @@ impl SimScene {
     /// Length and width of the ego at *now*, metres.
     pub fn ego_size(&self) -> [f64; 2] {
         self.ego_size
+    }
+
+    /// Whether the ego's recording leaves the road itself: then the edges of the map cannot be trusted there.
+    pub fn recording_leaves_road(&self) -> bool {
+        *self.recording_leaves.get_or_init(|| recording_off_road(&self.scene, &self.index).is_some())
+    }
+
+    /// What the ego and the adversary tow.
+    pub(crate) fn hitches(&self) -> [Option<Hitch>; 2] {
+        self.hitches
     }
 
     /// Whether a track is a parked vehicle ([`Track::is_parked`]).

@@ -132,6 +132,15 @@ impl Traffic {
         &self.before
     }
 
+    /// Frame at which a track that was absent before appeared; `None` if it is there since frame 0, or if its recording does not
+    /// move it.
+    pub fn appearance_of(&self, track: usize) -> Option<usize> {
+        match self.roles[track] {
+            Role::Replay(_, since) => Some(since).filter(|since| *since > 0),
+            _ => None,
+        }
+    }
+
     /// Hands a track over to a policy. Its body then comes from [`Traffic::set_body`]. `None` if it is
     /// absent.
     pub fn take_over(&mut self, track: usize) -> Option<Body> {

@@ -21,6 +21,8 @@ pub struct UnattackedDrive {
     pub contacts: Vec<(usize, String, FaultClass)>,
     /// When the car leaves the road.
     pub off_road: OffRoad,
+    /// Whether the recording leaves it too.
+    pub recording_leaves_road: bool,
     /// Progress by the progress of the log; `None` if that is below 5 m.
     pub completion: Option<f64>,
     /// Whether it keeps nuPlan's bounds of comfort, up to its first contact.
@@ -41,6 +43,7 @@ impl UnattackedDrive {
             steps: drive.motions.len() - 1,
             contacts: contacts.collect(),
             off_road: drive.off_road,
+            recording_leaves_road: drive.off_road.step().is_some() && scene.recording_leaves_road(),
             completion: (log >= SHORTEST_LOG).then(|| drive.progress / log),
             is_comfortable: is_comfortable(until_contact(drive)),
             over_red: over_red(scene, until_contact(drive)),
@@ -54,11 +57,11 @@ impl UnattackedDrive {
         at_first.into_iter().any(|(_, _, class)| class.is_at_fault() == Some(true))
     }
 
-    /// Whether the car leaves the road before any contact; `None` on a map without edges.
+    /// Whether the car leaves the road before any contact, and the recording does not; `None` on a map without edges.
     pub fn is_off_road(&self) -> Option<bool> {
         let first = self.contacts.first().map_or(usize::MAX, |(step, ..)| *step);
         let is_before = self.off_road.step().is_some_and(|step| step < first);
-        self.off_road.is_measured().then_some(is_before)
+        self.off_road.is_measured().then_some(is_before && !self.recording_leaves_road)
     }
 }
 

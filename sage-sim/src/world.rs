@@ -4,6 +4,8 @@
 //! exact tests of the boxes after each substep; the response to a contact comes from rapier. A drive starts at
 //! frame 0; after step `n` the traffic is at frame `n`.
 //!
+//! A trailer of the ego, or of an adversary that does not repeat its recording, is towed along; the ego does not meet its own.
+//!
 //! On maps with levels, road users more than 3 m above or below the car do not meet it. The car follows the
 //! height of the nearest lane of its own level.
 
@@ -16,13 +18,18 @@ use std::sync::Arc;
 
 pub use control::Control;
 pub use options::WorldOptions;
-use sage_core::{Error as CoreError, geometry::OrientedBox};
+use sage_core::{
+    Error as CoreError,
+    geometry::{OrientedBox, sub, wrap_angle},
+    motion::{DT, NOW},
+    scene::{EdgesSinceStart, Hitch, is_one_level},
+};
 
 use crate::{
     Error,
     body::{Body, BodyKind},
     lines::LineKind,
-    scene::{LEVEL_GAP, SimScene},
+    scene::SimScene,
     traffic::{EgoBody, Plan, Traffic},
     vehicle::{Motion, SUBSTEPS, Tyres, Vehicle},
 };
@@ -84,8 +91,8 @@ pub struct WorldState {
     traffic: Traffic,
     driven: Option<Driven>,
     facts: Facts,
-    /// Edges that the car touches since the start: map features.
-    leaving: Vec<u32>,
+    /// Edges that the car touches since the start.
+    leaving: EdgesSinceStart,
 }
 
 /// A scene in motion. It owns what it needs; a clone continues on its own.
@@ -147,11 +154,11 @@ impl World {
             traffic,
             driven: None,
             facts: Facts::default(),
-            leaving: Vec::new(),
+            leaving: EdgesSinceStart::default(),
         };
         let mut world = Self { scene, options, plan, car, size, state };
         let deep = world.bodies().iter().find(|body| {
-            world.is_on_level(body)
+            world.may_meet(body)
                 && body.touches(&body.area, &area)
                 && body.area.overlap_depth(&area) > START_OVERLAP
         });
@@ -248,6 +255,11 @@ impl World {
         self.state.traffic.bodies_before()
     }
 
+    /// Frame at which a road user that was absent at frame 0 came into being, if it is there by its recording or plan.
+    pub(crate) fn appearance_of(&self, track: usize) -> Option<usize> {
+        self.state.traffic.appearance_of(track)
+    }
+
     /// Height of the ground under the car, metres.
     pub fn level(&self) -> f64 {
         self.state.level
@@ -322,10 +334,15 @@ impl World {
             self.move_ego(control);
             self.advance_traffic();
             self.move_adversary(theirs);
+            self.tow_of_adversary();
         } else {
             self.advance_traffic();
             self.move_adversary(theirs);
+            self.tow_of_adversary();
             self.move_ego(control);
+        }
+        if let [Some(hitch), _] = self.scene.hitches() {
+            self.tow(&hitch, self.area());
         }
         let adversary = self.state.driven.as_ref().map(|driven| driven.motion);
         let motions = [Some(self.state.physical), adversary];
@@ -336,6 +353,32 @@ impl World {
         self.state.level = self.scene.follow_level(self.state.physical.position, self.state.level);
         self.touch_lines();
         Ok(())
+    }
+
+    /// Moves the trailer of an adversary that does not repeat its recording.
+    fn tow_of_adversary(&mut self) {
+        let [_, Some(hitch)] = self.scene.hitches() else { return };
+        let has_plan = self.plan.as_ref().is_some_and(|plan| plan.track == hitch.car) && self.state.step > NOW;
+        let car = self.bodies().iter().find(|body| body.track == hitch.car).map(|body| body.area);
+        if let Some(car) = car.filter(|_| has_plan || self.state.driven.is_some()) {
+            self.tow(&hitch, car);
+        }
+    }
+
+    /// Moves a trailer behind a car that has moved.
+    fn tow(&mut self, hitch: &Hitch, car: OrientedBox) {
+        let find = |bodies: &[Body]| bodies.iter().find(|body| body.track == hitch.trailer).copied();
+        let (Some(now), Some(before)) = (find(self.bodies()), find(self.bodies_before())) else { return };
+        let (center, heading) = hitch.follow(&car, before.area.center);
+        let [length, width] = [2.0 * now.area.half_length, 2.0 * now.area.half_width];
+        self.state.traffic.set_body(Body {
+            area: OrientedBox::new(center, heading, length, width),
+            heading,
+            velocity: sub(center, before.area.center).map(|d| d / DT),
+            yaw_rate: wrap_angle(heading - before.heading) / DT,
+            ground: self.scene.follow_level(center, before.ground),
+            ..now
+        });
     }
 
     fn advance_traffic(&mut self) {
@@ -358,7 +401,7 @@ impl World {
     /// Contacts at the current frame.
     fn contacts_at(&self, car: &OrientedBox) -> Vec<Contact> {
         let touched =
-            self.bodies().iter().filter(|body| self.is_on_level(body) && body.touches(&body.area, car));
+            self.bodies().iter().filter(|body| self.may_meet(body) && body.touches(&body.area, car));
         touched
             .map(|body| Contact { track: body.track, substep: SUBSTEPS, own: *car, other: body.area })
             .collect()
@@ -371,15 +414,17 @@ impl World {
 
     /// Whether two heights of the ground (metres) are on one level.
     pub(crate) fn are_level(&self, a: f64, b: f64) -> bool {
-        !self.has_levels() || (a - b).abs() <= LEVEL_GAP
+        !self.has_levels() || is_one_level(a, b)
     }
 
     fn has_levels(&self) -> bool {
         !self.options.flat && self.scene.has_levels()
     }
 
-    fn is_on_level(&self, body: &Body) -> bool {
-        self.is_level(body.ground)
+    /// Whether a road user is on the car's level and not its own trailer.
+    fn may_meet(&self, body: &Body) -> bool {
+        let [own, _] = self.scene.hitches();
+        self.is_level(body.ground) && own.is_none_or(|hitch| hitch.trailer != body.track)
     }
 
     /// Lines and edges under the car at the end of the step. MetaDrive tests lines at the physical pose and
@@ -420,22 +465,13 @@ impl World {
             .map(|k| sidewalks.feature(k))
     }
 
-    /// Follows the edges that the car touches since the start. Returns whether it touches another one. An edge that
-    /// continues one of them counts as the same.
+    /// Follows the edges that the car touches since the start. Returns whether it touches another one.
     fn leave_edges(&mut self, edges: &[u32]) -> bool {
-        let leaving = &mut self.state.leaving;
         if self.state.step == 0 {
-            leaving.extend(edges);
+            self.state.leaving = EdgesSinceStart::new(edges);
             return false;
         }
-        leaving.retain(|edge| edges.contains(edge));
         let map = self.scene.index().map();
-        for edge in edges {
-            let continues = |other: &u32| map.is_continued(*other as usize, *edge as usize);
-            if !leaving.contains(edge) && leaving.iter().any(continues) {
-                leaving.push(*edge);
-            }
-        }
-        edges.iter().any(|edge| !leaving.contains(edge))
+        self.state.leaving.follow(edges, map).is_some()
     }
 }

@@ -20,6 +20,9 @@ pub(crate) struct ReadingArgs {
     /// Also resample recordings below 5 Hz to 10 Hz, down to 0.5 Hz; the motion between frames is then a guess.
     #[arg(long, display_order = LAST)]
     pub resample: bool,
+    /// Frames per second of a file without times, such as JSON of GPUDrive; the scene is resampled to 10 Hz.
+    #[arg(long, display_order = LAST, value_name = "HZ", value_parser = rate)]
+    pub rate: Option<f64>,
     /// Trust these values of a file, and recompute those that contradict them.
     #[arg(long, display_order = LAST, value_name = "WHAT", value_enum)]
     pub trust: Option<Trust>,
@@ -29,6 +32,12 @@ pub(crate) struct ReadingArgs {
     /// Refuse a scene in which any road user has an unusable value, instead of leaving that road user out.
     #[arg(long, display_order = LAST)]
     pub strict: bool,
+}
+
+/// A number of frames per second.
+fn rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse::<f64>().ok().filter(|rate| (0.5..=1000.0).contains(rate));
+    rate.ok_or_else(|| "expected frames per second, such as 20".to_owned())
 }
 
 /// What is trusted where values of a file contradict each other.
@@ -41,8 +50,8 @@ pub(crate) enum Trust {
 impl ReadingArgs {
     /// The options of the reader.
     pub(crate) fn options(&self) -> ReadOptions {
-        let Self { now, resample, trust, strict, ego_track } = self.clone();
-        ReadOptions { now, resample, trust_positions: trust.is_some(), ego_track, strict }
+        let Self { now, resample, rate, trust, strict, ego_track } = self.clone();
+        ReadOptions { now, resample, rate, trust_positions: trust.is_some(), ego_track, strict }
     }
 
     /// What distinguishes a run with these options from others; null for the default.

@@ -29,9 +29,9 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
     let options = args.reading.options();
     let read = |item: Item| {
         let (name, shard) = (scene_name(&item) + &options.suffix(), item.shard().map(Path::to_owned));
-        let row = item.read(&options).map(|recording| SceneRow {
-            summary: Summary::of(&name, &recording.scene),
-            tracks: if args.tracks { list_tracks(&recording.scene) } else { Vec::new() },
+        let row = item.read_and(&options, |recording| {
+            let tracks = if args.tracks { list_tracks(&recording.scene) } else { Vec::new() };
+            Ok(SceneRow { summary: Summary::of(&name, &recording.scene), tracks })
         });
         Found { name, shard, row }
     };

@@ -23,6 +23,7 @@ use crate::{
     cli::TestArgs,
     ego::Ego,
     junit::{self, Case, Verdict},
+    outcome::caught,
     output::{self, OutputFile, RECORD},
     progress, terminal,
 };
@@ -195,21 +196,23 @@ fn drive<'s>(
         error: Some(format!("{error:#}")),
         seconds,
     };
-    let (simulated, seed) = match prepared() {
+    let (simulated, seed) = match caught(prepared) {
         Ok(prepared) => prepared,
         Err(error) => {
             let text = format!("{error:#}");
             return Ok(tests.iter().map(|test| failed(test, anyhow!("{text}"), 0.0)).collect());
         }
     };
-    let unattacked = AttackTest::new(&*ego.policy, &simulated, seed).map_err(anyhow::Error::from);
-    let unattacked = unattacked.and_then(|test| Ok((test.context()?, test)));
+    let unattacked = caught(|| {
+        let test = AttackTest::new(&*ego.policy, &simulated, seed)?;
+        Ok((test.context()?, test))
+    });
     let before = clock.elapsed().as_secs_f64() / tests.len() as f64;
     let one = |test: &&'s SuiteTest| {
         let clock = Instant::now();
         let evaluated = match &unattacked {
             Ok((ctx, driver)) => {
-                suite::run(suite, driver, ctx, rule, &test.plan).map_err(anyhow::Error::from)
+                caught(|| Ok(suite::run(suite, driver, ctx, rule, &test.plan)?))
             }
             Err(error) => Err(anyhow!("{error:#}")),
         };

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use sage_core::{
     geometry::distance,
     motion::DT,
-    scene::{Scene, SceneData, Track, TrackKind, is_copy_of_ego},
+    scene::{Levels, Scene, SceneData, Track, TrackKind, is_copy_of_ego},
 };
 use sage_sim::{
     SimScene,
@@ -36,7 +36,7 @@ pub(crate) fn with_other_egos(scenes: Vec<SceneData>, needs_adversary: bool) -> 
         let ego = scene.ego();
         let driven = scene.tracks.iter().enumerate().filter(|(k, track)| *k != scene.ego && moves(track));
         driven
-            .filter(|(_, track)| !is_copy_of_ego(track, ego))
+            .filter(|(_, track)| !is_copy_of_ego(track, ego, &Levels::of(&scene.map)))
             .filter_map(|(_, track)| with_ego(track))
             .collect()
     };

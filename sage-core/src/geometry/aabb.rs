@@ -41,6 +41,12 @@ impl Aabb {
         Self { min: self.min.map(|x| x - margin), max: self.max.map(|x| x + margin) }
     }
 
+    /// Whether there is no point in it.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.min[0] > self.max[0]
+    }
+
     /// Whether the closed rectangles share a point.
     #[inline]
     pub fn meets(&self, other: &Self) -> bool {

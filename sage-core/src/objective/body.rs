@@ -1,6 +1,6 @@
 //! The adversary's body: pose, size and convention that turn a trajectory into a candidate.
 
-use super::{Candidate, Convention, Sizes};
+use super::{Candidate, Convention, Sizes, ground::Ground};
 use crate::{
     Error,
     geometry::distance,
@@ -19,6 +19,8 @@ pub struct Body {
     pub(super) size: [f64; 2],
     pub(super) convention: Convention,
     pub(super) mirrored: bool,
+    /// Whether it drives backwards *now*.
+    pub(super) reverses: bool,
 }
 
 impl Body {
@@ -42,18 +44,24 @@ impl Body {
         let valid = (0..track.valid.len()).filter(|&f| track.is_valid(f));
         let nearest = valid.min_by_key(|f| (*f > NOW, f.abs_diff(NOW)));
         let last_heading = nearest.map_or(0.0, |frame| track.heading[frame]);
-        Ok(Self { start, last_heading, size, convention, mirrored })
+        let reverses = track.reverses(NOW);
+        Ok(Self { start, last_heading, size, convention, mirrored, reverses })
     }
 
     /// Prepares a trajectory for scoring. If the adversary is not valid *now*, its position is extrapolated
     /// from the first two planned points. So is its heading if these points move; otherwise it is the last
     /// valid heading.
     pub fn candidate(&self, trajectory: Trajectory) -> Candidate {
-        self.candidate_until(trajectory, HORIZON)
+        self.candidate_on(trajectory, HORIZON, None)
     }
 
-    /// As [`Body::candidate`], evaluated up to a step.
-    pub(super) fn candidate_until(&self, trajectory: Trajectory, horizon: usize) -> Candidate {
+    /// As [`Body::candidate`], evaluated up to a step, on a map.
+    pub(super) fn candidate_on(
+        &self,
+        trajectory: Trajectory,
+        horizon: usize,
+        ground: Option<Ground>,
+    ) -> Candidate {
         let start = self.start.unwrap_or_else(|| {
             let [a, b] = [trajectory.points()[0], trajectory.points()[1]];
             let position = [2.0 * a[0] - b[0], 2.0 * a[1] - b[1]];
@@ -61,6 +69,6 @@ impl Body {
             let heading = if moves { (b[1] - a[1]).atan2(b[0] - a[0]) } else { self.last_heading };
             Pose { position, heading }
         });
-        Candidate::new(trajectory, start, self, horizon)
+        Candidate::new(trajectory, start, self, horizon, ground)
     }
 }

@@ -1,12 +1,15 @@
 //! A trajectory with the derived quantities that every objective needs, computed once.
 
-use super::{Body, Convention, others::CHUNK};
+use std::ops::RangeInclusive;
+
+use super::{Body, Convention, ground::Ground, others::CHUNK};
 use crate::{
-    geometry::{Aabb, OrientedBox, Point},
+    geometry::{Aabb, OrientedBox, Point, dot},
     motion::{
         HORIZON, Pose, Trajectory, backward_velocity,
         kinematics::{Profile, paper, release},
     },
+    scene::is_one_level,
 };
 
 /// A planned trajectory of the adversary, prepared for evaluation.
@@ -15,19 +18,28 @@ pub struct Candidate {
     trajectory: Trajectory,
     profile: Profile,
     start: Pose,
+    convention: Convention,
     nll: Option<f64>,
     boxes: Vec<OrientedBox>,
     mirrored: Option<Vec<OrientedBox>>,
     bounds: Aabb,
     chunks: [Aabb; HORIZON / CHUNK],
+    /// Height of the ground under it; `None` without a map.
+    ground: Option<Ground>,
 }
 
 impl Candidate {
-    pub(super) fn new(trajectory: Trajectory, start: Pose, body: &Body, horizon: usize) -> Self {
+    pub(super) fn new(
+        trajectory: Trajectory,
+        start: Pose,
+        body: &Body,
+        horizon: usize,
+        ground: Option<Ground>,
+    ) -> Self {
         let ([length, width], mirror) = (body.size, body.mirrored);
         let points = &trajectory.points()[..horizon];
         let profile = match body.convention {
-            Convention::Paper => paper::profile(points, &start),
+            Convention::Paper => paper::profile_from(points, &start, body.reverses),
             Convention::Release => release::profile(points),
         };
         let boxes: Vec<OrientedBox> = points
@@ -44,7 +56,7 @@ impl Candidate {
             mirror.then(|| boxes.iter().map(OrientedBox::mirrored).collect());
         let chunks = chunks(mirrored.as_ref().unwrap_or(&boxes));
         let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
-        Self { trajectory, profile, start, nll: None, boxes, mirrored, bounds, chunks }
+        Self { trajectory, profile, start, convention: body.convention, nll: None, boxes, mirrored, bounds, chunks, ground }
     }
 
     /// The candidate with its negative log-likelihood under the prior, nats, if the proposer computed it.
@@ -66,6 +78,43 @@ impl Candidate {
     /// Number of steps that are evaluated: the context's horizon. Boxes and profile have this length.
     pub fn horizon(&self) -> usize {
         self.boxes.len()
+    }
+
+    /// Convention of its profile.
+    pub fn convention(&self) -> Convention {
+        self.convention
+    }
+
+    /// The steps that are evaluated, 1 to the horizon.
+    pub fn steps(&self) -> RangeInclusive<usize> {
+        1..=self.horizon()
+    }
+
+    /// The evaluated steps before another one; all without it.
+    pub(super) fn steps_before(&self, step: Option<usize>) -> RangeInclusive<usize> {
+        1..=step.map_or(self.horizon(), |step| (step - 1).min(self.horizon()))
+    }
+
+    /// Whether a height of the ground (metres) is that of its level at a step, 0 (*now*) to the horizon. A trajectory has
+    /// no height: it follows the lanes of its level.
+    pub(super) fn is_on_level(&self, step: usize, height: f64) -> bool {
+        self.ground.as_ref().is_none_or(|ground| {
+            ground.at(step, || self.boxes.iter().map(|b| b.center)).is_none_or(|own| is_one_level(own, height))
+        })
+    }
+
+    /// First step at which it turns by more than 90° since the step before, which no car can: it goes back without
+    /// reversing, or begins in another direction than its front. The published code has no heading *now*.
+    pub fn half_turn(&self) -> Option<usize> {
+        if self.convention == Convention::Release {
+            return None;
+        }
+        let (sin, cos) = self.start.heading.sin_cos();
+        let mut before = [cos, sin];
+        self.steps().find(|step| {
+            let axis = self.profile.axis[step - 1];
+            dot(std::mem::replace(&mut before, axis), axis) < 0.0
+        })
     }
 
     /// The planned positions of the evaluated steps.

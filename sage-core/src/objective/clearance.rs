@@ -1,12 +1,13 @@
 //! Missing distance to road edges, medians and other road users, with a gradient.
 //!
-//! Discs cover the adversary and the others. Of each step the disc counts that misses most. Heights are not compared, so a
-//! road above or below counts too.
+//! Discs cover the adversary and the others. Of each step the disc counts that misses most. On maps with levels
+//! what is on another one does not count.
 
 use super::{Context, DifferentiableReward, PoseGradient};
 use crate::{
     geometry::{Aabb, Point, norm, sub},
-    motion::Pose,
+    motion::{NOW, Pose},
+    scene::{LEVEL_GAP, is_one_level},
 };
 
 /// Places of the adversary's discs along its axis, by its length.
@@ -43,9 +44,11 @@ impl DifferentiableReward for Clearance {
 
     fn value(&self, poses: &[Pose], ctx: &Context, gradient: &mut PoseGradient) -> f64 {
         let mut value = 0.0;
+        let mut level = ctx.level_now();
         for (k, pose) in poses.iter().enumerate() {
+            level = level.map(|before| ctx.index().follow_ground(pose.position, before, LEVEL_GAP));
             let (sin, cos) = pose.heading.sin_cos();
-            for missing in [self.missing_to_edges(pose, ctx), self.missing_to_others(pose, k + 1, ctx)]
+            for missing in [self.missing_to_edges(pose, level, ctx), self.missing_to_others(pose, k + 1, level, ctx)]
                 .into_iter()
                 .flatten()
             {
@@ -72,13 +75,17 @@ impl Clearance {
         (OWN.map(disc), RADIUS * width)
     }
 
-    fn missing_to_edges(&self, pose: &Pose, ctx: &Context) -> Option<Missing> {
+    fn missing_to_edges(&self, pose: &Pose, level: Option<f64>, ctx: &Context) -> Option<Missing> {
         let (discs, radius) = Self::discs(pose, ctx.size());
         let (reach, edges) = (radius + self.space, ctx.index().edges());
         let all = discs.iter().fold(Aabb::EMPTY, |all, (_, p)| all.union(&Aabb::around(*p, reach)));
         let mut worst: Option<Missing> = None;
         for k in edges.near(&all).flatten() {
             let segment = &edges.segments()[k];
+            let height = || segment.height(segment.nearest_share(pose.position));
+            if level.is_some_and(|level| !is_one_level(level, height())) {
+                continue;
+            }
             for (place, p) in discs {
                 let d = sub(p, segment.at(segment.nearest_share(p)));
                 worst = worse(worst, reach, place, d);
@@ -87,11 +94,21 @@ impl Clearance {
         worst
     }
 
-    fn missing_to_others(&self, pose: &Pose, step: usize, ctx: &Context) -> Option<Missing> {
+    fn missing_to_others(
+        &self,
+        pose: &Pose,
+        step: usize,
+        level: Option<f64>,
+        ctx: &Context,
+    ) -> Option<Missing> {
         let (size, mut worst) = (ctx.size(), None);
         let (discs, radius) = Self::discs(pose, size);
         for other in ctx.others() {
             let Some(area) = other.at(step) else { continue };
+            let height = || ctx.scene().tracks[other.track].ground(NOW + step);
+            if level.is_some_and(|level| !is_one_level(level, height())) {
+                continue;
+            }
             let reach = radius + 2.0 * RADIUS * area.half_width + self.space;
             let apart = sub(pose.position, area.center);
             let farthest = reach + 0.5 * size[0] + area.half_length;

@@ -9,9 +9,11 @@ use crate::registry::{Entry, NoOptions};
 
 /// Largest overlap depth of a candidate with an ego path, metres; 0 without contact.
 pub fn contact_depth(candidate: &Candidate, ego: &EgoPath) -> f64 {
-    let pairs = candidate.boxes().iter().zip(ego.boxes());
-    let depth = pairs.filter_map(|(a, e)| e.as_ref().map(|e| a.overlap_depth(e)));
-    depth.fold(0.0, f64::max)
+    let pairs = candidate.steps().zip(candidate.boxes().iter().zip(ego.boxes()));
+    pairs.fold(0.0, |deepest, (step, (a, e))| {
+        let depth = e.as_ref().map_or(0.0, |e| a.overlap_depth(e));
+        if depth > deepest && ego.is_on_level_of(candidate, step) { depth } else { deepest }
+    })
 }
 
 /// Contact depth as a reward.

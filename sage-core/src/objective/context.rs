@@ -5,12 +5,13 @@ use std::sync::Arc;
 use super::{
     Body, Candidate, Convention, EgoPath, EgoPaths, OtherAgent, Sizes,
     ego::{self, PathOptions},
+    ground::Ground,
 };
 use crate::{
     Error,
     geometry::OrientedBox,
     motion::{NOW, Trajectory},
-    scene::{Scene, SceneIndex, Track},
+    scene::{Hitch, LEVEL_GAP, Levels, Scene, SceneIndex, Track},
 };
 
 /// Number of other agents in the published code: its table has 128 rows, two of them ego and adversary.
@@ -41,6 +42,8 @@ pub struct Context {
     others: Arc<[OtherAgent]>,
     horizon: usize,
     is_in_contact_now: bool,
+    /// Height of the ground under the adversary *now*, metres; `None` if it is not valid there.
+    ground_now: Option<f64>,
 }
 
 impl Context {
@@ -55,12 +58,20 @@ impl Context {
         let mirrored = mirrored_boxes.unwrap_or(*convention == Convention::Release);
         let (ego_size, size) = sizes.of(scene, adversary);
         let egos =
-            ego::prepare(ego.as_ref(), scene, PathOptions { convention: *convention, size: ego_size })?;
+            ego::prepare(
+                ego.as_ref(),
+                scene,
+                index,
+                PathOptions { convention: *convention, size: ego_size },
+            )?;
+        // What the adversary tows goes where it goes.
+        let towed = Hitch::of(scene, adversary).filter(|_| *convention == Convention::Paper);
+        let towed = towed.map(|hitch| hitch.trailer);
         let others = scene
             .tracks
             .iter()
             .enumerate()
-            .filter(|(k, _)| *k != scene.ego && *k != adversary)
+            .filter(|(k, _)| *k != scene.ego && *k != adversary && Some(*k) != towed)
             .map(|(k, track)| OtherAgent::new(k, track, mirrored))
             .collect();
         Ok(Self {
@@ -73,6 +84,9 @@ impl Context {
             others,
             horizon,
             is_in_contact_now: overlap_now(scene, [scene.ego, adversary], [ego_size, size]),
+            ground_now: Some(&scene.tracks[adversary])
+                .filter(|track| track.is_valid(NOW))
+                .map(|track| track.ground(NOW)),
         })
     }
 
@@ -82,16 +96,17 @@ impl Context {
     /// whose sum is not finite.
     pub fn with_ego(&self, ego: &EgoPaths) -> Result<Self, Error> {
         let options = PathOptions { convention: self.convention(), size: self.ego_size };
-        let egos = ego::prepare(Some(ego), &self.scene, options)?.into();
+        let egos = ego::prepare(Some(ego), &self.scene, &self.index, options)?.into();
         Ok(Self { egos, ..self.clone() })
     }
 
     /// Prepares a trajectory for scoring up to the horizon, as [`Body::candidate`].
     pub fn candidate(&self, trajectory: Trajectory) -> Candidate {
-        self.body.candidate_until(trajectory, self.horizon)
+        let ground = self.ground_now.map(|height| Ground::from_now(&self.index, height));
+        self.body.candidate_on(trajectory, self.horizon, ground)
     }
 
-    /// Whether ego and adversary overlap *now*. Then no contact with the ego is measured.
+    /// Whether ego and adversary overlap *now* on one level. Then no contact with the ego is measured.
     pub fn is_in_contact_now(&self) -> bool {
         self.is_in_contact_now
     }
@@ -108,6 +123,11 @@ impl Context {
             ego: self.scene.ego().id.clone(),
             adversary: self.adversary().id.clone(),
         })
+    }
+
+    /// Height of the ground under the adversary *now*, metres; `None` on a map with one level, and if it is not valid now.
+    pub(super) fn level_now(&self) -> Option<f64> {
+        self.ground_now.filter(|_| self.index.has_levels(LEVEL_GAP))
     }
 
     /// Number of steps that are evaluated: those that are recorded, at most 80 ([`Scene::horizon`]).
@@ -160,7 +180,7 @@ impl Context {
         self.ego_size
     }
 
-    /// The other road users, in the order of the file.
+    /// The other road users, in the order of the file, without what the adversary tows.
     pub fn others(&self) -> &[OtherAgent] {
         &self.others
     }
@@ -175,11 +195,14 @@ impl Context {
     }
 }
 
-/// Whether the boxes of two tracks, with given lengths and widths, overlap *now*; borders excluded.
+/// Whether the boxes of two tracks, with given lengths and widths, overlap *now* on one level; borders
+/// excluded.
 fn overlap_now(scene: &Scene, tracks: [usize; 2], sizes: [[f64; 2]; 2]) -> bool {
     let [a, b] = [0, 1].map(|k| {
         let (track, [length, width]) = (&scene.tracks[tracks[k]], sizes[k]);
         track.is_valid(NOW).then(|| OrientedBox::new(track.point(NOW), track.heading[NOW], length, width))
     });
+    let [ego, adversary] = tracks.map(|k| &scene.tracks[k]);
     a.zip(b).is_some_and(|(a, b)| a.overlap_depth(&b) > 0.0)
+        && !Levels::of(&scene.map).differ_at(NOW, ego, adversary)
 }

@@ -101,6 +101,9 @@ fn approach(Situation { candidate, ego: path, encounter, .. }: &Situation) -> (O
     let mut hardest: Option<f64> = None;
     for step in 1..=last {
         let (Some(ego), Some(ego_velocity)) = (path.box_at(step), path.velocity(step)) else { continue };
+        if !path.is_on_level_of(candidate, step) {
+            continue;
+        }
         let (other, relative) = (&candidate.boxes()[step - 1], sub(candidate.velocity(step), ego_velocity));
         let needed = if encounter.contact == Some(step) {
             deceleration_within(0.0, norm(relative))

@@ -13,13 +13,15 @@
 //!   adversary are on another level. A candidate has no height; it follows the nearest lane of its own
 //!   level. Heights are computed only where the rule is violated in the plane, on maps with several levels.
 //!
+//! - A turn by more than 90° from one frame to the next is none that a car can make.
+//!
 //! The first sweep ignores what the box already touches *now*: a car recorded over a kerb may leave it.
 
 use serde::{Deserialize, Serialize};
 
 use super::{
     Candidate, Context, Feasibility, OtherAgent, Violation,
-    map_feasibility::{touching_agent, touching_feature},
+    map_feasibility::{half_turn, touching_agent, touching_feature},
     others::CHUNK,
     violation::{EDGE_COST, MEDIAN, OFF_ROAD, ROAD_EDGE},
 };
@@ -130,8 +132,8 @@ impl<'a> Drive<'a> {
         let sidewalks = self.ctx.index().sidewalks();
         let on = sidewalks.near(&self.now.aabb()).into_iter().filter(|k| sidewalks.meets(*k, &self.now));
         on.map(|k| {
-            let left = (1..=HORIZON).find(|step| !sidewalks.meets(k, self.at(*step)));
-            (sidewalks.feature(k), left.unwrap_or(HORIZON + 1))
+            let left = self.candidate.steps().find(|step| !sidewalks.meets(k, self.at(*step)));
+            (sidewalks.feature(k), left.unwrap_or(usize::MAX))
         })
         .collect()
     }
@@ -166,7 +168,11 @@ impl<'a> Drive<'a> {
             None
         };
         let boundary = self.on_sidewalk(boundary);
-        [edge(boundary, ROAD_EDGE), edge(median, MEDIAN), agent, off_road].into_iter().flatten().collect()
+        let half_turn = half_turn(candidate);
+        [edge(boundary, ROAD_EDGE), edge(median, MEDIAN), agent, off_road, half_turn]
+            .into_iter()
+            .flatten()
+            .collect()
     }
 
     /// Follows the height of the ground. `false` if nothing in the map lies above something else.
@@ -176,7 +182,7 @@ impl<'a> Drive<'a> {
         if !ctx.index().has_levels(gap) || !track.is_valid(NOW) {
             return false;
         }
-        let mut level = ground(track.position[NOW][2], track.size[NOW][2]);
+        let mut level = track.ground(NOW);
         let followed = (0..=self.candidate.horizon()).map(|step| {
             level = ctx.index().follow_ground(self.at(step).center, level, gap);
             level
@@ -253,8 +259,7 @@ impl<'a> Drive<'a> {
             return boundary;
         }
         let near = sidewalks.near(&self.bounds);
-        let end = boundary.map_or(HORIZON, |(step, _)| step - 1);
-        let inside = (1..=end).find_map(|step| {
+        let inside = self.candidate.steps_before(boundary.map(|(step, _)| step)).find_map(|step| {
             let is_on = |k: &&usize| {
                 sidewalks.holds(**k, self.at(step).center)
                     && !self.is_leaving(sidewalks.feature(**k), step)
@@ -279,7 +284,7 @@ impl<'a> Drive<'a> {
         let chunks = self.chunks.map(|chunk| chunk.grown(margin));
         for other in self.ctx.others().iter().filter(|other| other.swept_bounds().meets(&bounds)) {
             // Only an earlier contact can replace the current one.
-            let end = first.map_or(self.candidate.horizon(), |(step, _)| step - 1);
+            let end = *self.candidate.steps_before(first.map(|(step, _)| step)).end();
             let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.swept_chunks()[k].meets(&chunks[k]));
             let mut steps = near.flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end));
             if let Some(step) = steps.find(|&step| self.meets(other, step)) {
@@ -294,7 +299,7 @@ impl<'a> Drive<'a> {
         let Some(now) = other.at(step) else { return false };
         let track = &self.ctx.scene().tracks[other.track];
         let frame = NOW + step;
-        if !self.same_level(step, || ground(track.position[frame][2], track.size[frame][2])) {
+        if !self.same_level(step, || track.ground(frame)) {
             return false;
         }
         match other.at(step - 1) {
@@ -356,7 +361,7 @@ impl<'a> Drive<'a> {
     fn first_outside<T>(&self, test: impl Fn(usize) -> (Option<T>, f64)) -> Option<(usize, T)> {
         let half_width = self.now.half_width;
         let (mut last, mut clear) = (0, 0.0f64);
-        for step in 1..=self.candidate.horizon() {
+        for step in self.candidate.steps() {
             let moved = distance(self.at(last).center, self.at(step).center);
             // A boundary nearer than half the width touches the box.
             let may_have_changed = moved >= clear.max(half_width);
@@ -375,9 +380,4 @@ impl<'a> Drive<'a> {
         }
         None
     }
-}
-
-/// Height of the ground under a box whose centre is at height `z`.
-fn ground(z: f64, height: f64) -> f64 {
-    z - 0.5 * height
 }

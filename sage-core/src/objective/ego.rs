@@ -1,6 +1,8 @@
 //! The ego in an encounter: one path or several weighted paths.
 
-use super::Convention;
+use std::sync::Arc;
+
+use super::{Candidate, Convention, ground::Ground};
 use crate::{
     Error,
     geometry::{OrientedBox, Point},
@@ -9,7 +11,7 @@ use crate::{
         kinematics::{paper, release},
         trajectory::check_points,
     },
-    scene::{Scene, Track},
+    scene::{Scene, SceneIndex, Track},
 };
 
 /// Possible paths of the ego, as given by the caller.
@@ -74,6 +76,7 @@ pub struct EgoPath {
     start: Point,
     positions: Vec<Point>,
     boxes: Vec<Option<OrientedBox>>,
+    ground: Ground,
 }
 
 impl EgoPath {
@@ -95,6 +98,12 @@ impl EgoPath {
     /// Box at a step, 1 to 80.
     pub fn box_at(&self, step: usize) -> Option<&OrientedBox> {
         self.boxes[step - 1].as_ref()
+    }
+
+    /// Whether a candidate is on its level at a step.
+    pub fn is_on_level_of(&self, candidate: &Candidate, step: usize) -> bool {
+        let ground = self.ground.at(step, || self.positions.iter().copied());
+        ground.is_none_or(|height| candidate.is_on_level(step, height))
     }
 
     /// Velocity at a step, 1 to 80, by backward difference, m/s; `None` at a gap.
@@ -119,9 +128,10 @@ pub(super) struct PathOptions {
 pub(super) fn prepare(
     given: Option<&EgoPaths>,
     scene: &Scene,
+    index: &Arc<SceneIndex>,
     options: PathOptions,
 ) -> Result<Vec<EgoPath>, Error> {
-    let Some(EgoPaths(given)) = given else { return Ok(vec![logged(scene, options)?]) };
+    let Some(EgoPaths(given)) = given else { return Ok(vec![logged(scene, index, options)?]) };
     let total: f64 = given.iter().map(|path| path.weight).sum();
     if !total.is_finite() {
         let problem = format!("the weights sum to {total}; expected a finite sum");
@@ -138,7 +148,8 @@ pub(super) fn prepare(
         let boxes = boxes(&path.positions, path.headings.as_deref(), scene.ego(), options);
         let mut boxes: Vec<_> = boxes.into_iter().map(Some).collect();
         boxes.resize(HORIZON, None);
-        EgoPath { weight: path.weight / total, start, positions: path.positions.clone(), boxes }
+        let ground = Ground::from_now(index, scene.ego().ground(NOW));
+        EgoPath { weight: path.weight / total, start, positions: path.positions.clone(), boxes, ground }
     };
     Ok(given.iter().map(prepare).collect())
 }
@@ -155,7 +166,7 @@ fn boxes(
         (Convention::Paper, Some(headings)) => release::axes(headings),
         (Convention::Paper, None) => {
             let start = Pose { position: track.point(NOW), heading: track.heading[NOW] };
-            paper::profile(positions, &start).axis
+            paper::profile_from(positions, &start, track.reverses(NOW)).axis
         }
     };
     let half = [0.5 * length, 0.5 * width];
@@ -169,7 +180,7 @@ fn boxes(
 }
 
 /// The logged ego path; a gap repeats the last valid position and has no box.
-fn logged(scene: &Scene, options: PathOptions) -> Result<EgoPath, Error> {
+fn logged(scene: &Scene, index: &Arc<SceneIndex>, options: PathOptions) -> Result<EgoPath, Error> {
     let ego = scene.ego();
     let fail = |problem: String| Err(Error::Scene { scene: scene.id.clone(), problem });
     let frames = NOW + 1..NOW + scene.horizon() + 1;
@@ -179,13 +190,15 @@ fn logged(scene: &Scene, options: PathOptions) -> Result<EgoPath, Error> {
             ego.id
         ));
     }
-    let mut last = ego.point(NOW);
+    let (mut last, mut height) = (ego.point(NOW), ego.ground(NOW));
     let mut headings = Vec::with_capacity(frames.len());
+    let mut heights = vec![height];
     let positions: Vec<Point> = frames
         .map(|frame| {
             if ego.is_valid(frame) {
-                last = ego.point(frame);
+                (last, height) = (ego.point(frame), ego.ground(frame));
             }
+            heights.push(height);
             headings.push(ego.heading[frame]);
             last
         })
@@ -194,5 +207,6 @@ fn logged(scene: &Scene, options: PathOptions) -> Result<EgoPath, Error> {
     let mut present: Vec<Option<OrientedBox>> =
         boxes.into_iter().zip(NOW + 1..).map(|(b, frame)| ego.is_valid(frame).then_some(b)).collect();
     present.resize(HORIZON, None);
-    Ok(EgoPath { weight: 1.0, start: ego.point(NOW), positions, boxes: present })
+    let ground = Ground::recorded(index, heights.into());
+    Ok(EgoPath { weight: 1.0, start: ego.point(NOW), positions, boxes: present, ground })
 }

@@ -12,6 +12,8 @@ use crate::{geometry::OrientedBox, motion::HORIZON};
 const CONTACT: f64 = 10.0;
 /// Decay of closeness with distance, 1/m.
 const DECAY: f64 = 0.2;
+/// Distance of the centres within which two cars can touch, metres: nearer ones on another level are left out.
+const NEAR: f64 = 30.0;
 /// Distance beyond which the published code's reward is 0, metres.
 const RELEASE_REACH: f64 = 20.0;
 
@@ -32,12 +34,14 @@ impl Encounter {
         adversary: &[OrientedBox],
         ego: impl ExactSizeIterator<Item = Option<&'b OrientedBox>>,
     ) -> Self {
-        Self::until(OrientedBox::intersects, adversary, ego)
+        Self::until(OrientedBox::intersects, |_| true, adversary, ego)
     }
 
-    /// As [`Encounter::follow`], up to the first step at which `is_contact` holds.
+    /// As [`Encounter::follow`], up to the first step at which `is_contact` holds; near boxes count only at steps at which
+    /// they are on one level.
     fn until<'b>(
         is_contact: impl Fn(&OrientedBox, &OrientedBox) -> bool,
+        is_level: impl Fn(usize) -> bool,
         adversary: &[OrientedBox],
         ego: impl ExactSizeIterator<Item = Option<&'b OrientedBox>>,
     ) -> Self {
@@ -46,7 +50,11 @@ impl Encounter {
         for (step, (a, e)) in adversary.iter().zip(ego).enumerate() {
             let Some(e) = e else { continue };
             let d = [a.center[0] - e.center[0], a.center[1] - e.center[1]];
-            least2 = least2.min(d[0] * d[0] + d[1] * d[1]);
+            let d2 = d[0] * d[0] + d[1] * d[1];
+            if d2 < NEAR * NEAR && !is_level(step + 1) {
+                continue;
+            }
+            least2 = least2.min(d2);
             if is_contact(a, e) {
                 return Self { contact: Some(step + 1), least_distance: least2.sqrt(), steps };
             }
@@ -56,7 +64,21 @@ impl Encounter {
 
     /// The encounter of a candidate with an ego path.
     pub fn of(candidate: &Candidate, ego: &EgoPath) -> Self {
-        Self::follow(candidate.boxes(), ego.boxes().iter().map(Option::as_ref))
+        Self::by_level(OrientedBox::intersects, candidate, ego)
+    }
+
+    /// The encounter of a candidate with an ego path, with what counts as a contact of boxes on one level.
+    fn by_level(
+        is_contact: impl Fn(&OrientedBox, &OrientedBox) -> bool,
+        candidate: &Candidate,
+        ego: &EgoPath,
+    ) -> Self {
+        Self::until(
+            is_contact,
+            |step| ego.is_on_level_of(candidate, step),
+            candidate.boxes(),
+            ego.boxes().iter().map(Option::as_ref),
+        )
     }
 
     /// This encounter with contact counted only from an overlap depth on, metres.
@@ -66,7 +88,7 @@ impl Encounter {
             return self;
         }
         let is_deep = |a: &OrientedBox, e: &OrientedBox| a.overlap_depth(e) >= min_depth;
-        Self::until(is_deep, candidate.boxes(), ego.boxes().iter().map(Option::as_ref))
+        Self::by_level(is_deep, candidate, ego)
     }
 
     /// The adversarial reward of this encounter.

@@ -1,6 +1,7 @@
 //! Map feasibility: no box touches a road boundary, no box touches another road user.
 //!
-//! The rule of the paper and its code: frame by frame, in the plane. Every kind of road user counts. All edges but
+//! The rule of the paper and its code: frame by frame. On maps with levels, what is more than 3 m above or below does not
+//! count. A plan that turns by more than 90° in a frame is not feasible either; both go beyond the paper. Every kind of road user counts. All edges but
 //! medians bound the road; in Waymo's maps these are the `ROAD_EDGE_BOUNDARY`s, as in the paper. A sidewalk that is
 //! an area also counts from inside. The rule misses contacts between frames and a box wholly beyond an edge;
 //! [`super::DrivableFeasibility`] covers both.
@@ -10,13 +11,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Candidate, Context, Feasibility, Violation,
+    Candidate, Context, Convention, Feasibility, Violation,
     others::{CHUNK, OtherAgent},
-    violation::{AGENT, AGENT_COST, EDGE_COST, MEDIAN, ROAD_EDGE},
+    violation::{AGENT, AGENT_COST, EDGE_COST, HALF_TURN, MEDIAN, ROAD_EDGE},
 };
 use crate::{
-    geometry::{Aabb, OrientedBox, SegmentIndex},
-    motion::HORIZON,
+    geometry::{Aabb, OrientedBox, Segment, SegmentIndex},
+    motion::{HORIZON, NOW},
     registry::Entry,
 };
 
@@ -70,9 +71,15 @@ pub fn touches_edge(candidate: &Candidate, edges: &SegmentIndex) -> bool {
     first_edge_contact(candidate, edges).is_some()
 }
 
-/// First step at which a map box touches a segment.
+/// Whether something at a height of the ground is on a candidate's level at a step. The published code has one level.
+fn is_on_level(candidate: &Candidate, step: usize, height: impl FnOnce() -> f64) -> bool {
+    candidate.convention() == Convention::Release || candidate.is_on_level(step, height())
+}
+
+/// First step at which a map box touches a segment of its level.
 fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
-    first_contact(candidate.map_boxes(), candidate.chunks(), edges)
+    let is_level = |step: usize, height: &dyn Fn() -> f64| is_on_level(candidate, step, height);
+    first_contact(candidate.map_boxes(), candidate.chunks(), edges, is_level)
 }
 
 /// First step at which a map box touches a boundary or is on a sidewalk.
@@ -84,17 +91,20 @@ fn first_boundary_contact(candidate: &Candidate, ctx: &Context) -> Option<EdgeCo
     }
     // A box that does not touch the outline is inside if its centre is.
     let near = sidewalks.near(candidate.bounds());
-    let end = outline.map_or(HORIZON, |contact| contact.step - 1);
-    let inside = candidate.map_boxes()[..end].iter().enumerate().find_map(|(k, b)| {
-        let area = near.iter().find(|area| sidewalks.holds(**area, b.center))?;
-        Some(EdgeContact { step: k + 1, feature: sidewalks.feature(*area) as usize })
+    let inside = candidate.steps_before(outline.map(|contact| contact.step)).find_map(|step| {
+        let center = candidate.map_boxes()[step - 1].center;
+        let is_on = |area: &&usize| {
+            sidewalks.holds(**area, center) && is_on_level(candidate, step, || sidewalks.height(**area))
+        };
+        near.iter().find(is_on).map(|area| EdgeContact { step, feature: sidewalks.feature(*area) as usize })
     });
     inside.or(outline)
 }
 
 /// First step at which a true box touches a segment, in every convention.
 pub(super) fn touches_truly(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
-    first_contact(candidate.boxes(), &candidate.true_chunks(), edges)
+    let is_level = |step: usize, height: &dyn Fn() -> f64| candidate.is_on_level(step, height());
+    first_contact(candidate.boxes(), &candidate.true_chunks(), edges, is_level)
 }
 
 /// First step at which a box touches a segment, with the bounds of each group of boxes.
@@ -102,6 +112,7 @@ fn first_contact(
     boxes: &[OrientedBox],
     chunks: &[Aabb; HORIZON / CHUNK],
     edges: &SegmentIndex,
+    is_level: impl Fn(usize, &dyn Fn() -> f64) -> bool,
 ) -> Option<EdgeContact> {
     for (chunk, bounds) in chunks.iter().take(boxes.len().div_ceil(CHUNK)).enumerate() {
         let near: Vec<_> = edges
@@ -113,9 +124,12 @@ fn first_contact(
             continue;
         }
         let first = chunk * CHUNK;
-        for (step, b) in boxes[first..boxes.len().min(first + CHUNK)].iter().enumerate() {
-            if let Some(touched) = near.iter().find(|s| b.intersects_segment(s.a, s.b)) {
-                return Some(EdgeContact { step: first + step + 1, feature: touched.feature as usize });
+        for (k, b) in boxes.iter().enumerate().skip(first).take(CHUNK) {
+            let touches = |s: &&&Segment| {
+                b.intersects_segment(s.a, s.b) && is_level(k + 1, &|| s.height(s.nearest_share(b.center)))
+            };
+            if let Some(touched) = near.iter().find(touches) {
+                return Some(EdgeContact { step: k + 1, feature: touched.feature as usize });
             }
         }
     }
@@ -135,10 +149,11 @@ fn first_agent_contact(
             continue;
         }
         // Only an earlier contact can replace the current one.
-        let end = first.map_or(candidate.horizon(), |contact| contact.step - 1);
+        let end = *candidate.steps_before(first.map(|contact| contact.step)).end();
         let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.chunks()[k].meets(&candidate.chunks()[k]));
         let step = near.flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end)).find(|&step| {
             other.map_box(step).is_some_and(|b| b.intersects(&candidate.map_boxes()[step - 1]))
+                && is_on_level(candidate, step, || ctx.scene().tracks[other.track].ground(NOW + step))
         });
         if let Some(step) = step {
             first = Some(AgentContact { step, track: other.track });
@@ -182,7 +197,7 @@ impl Feasibility for MapFeasibility {
             .map(|c| edge(c, MEDIAN));
         let agent = first_agent_contact(candidate, ctx, |_| true)
             .map(|c| touching_agent(candidate, ctx, c.step, c.track));
-        [boundary, median, agent].into_iter().flatten().collect()
+        [boundary, median, agent, half_turn(candidate)].into_iter().flatten().collect()
     }
 }
 
@@ -195,6 +210,12 @@ pub(super) fn touching_feature(
     feature: usize,
 ) -> Violation {
     Violation::at(candidate, step, rule, EDGE_COST, &*ctx.index().map().features[feature].id)
+}
+
+/// The violation of turning by more than 90° in a frame.
+pub(super) fn half_turn(candidate: &Candidate) -> Option<Violation> {
+    let step = candidate.half_turn()?;
+    Some(Violation::at(candidate, step, HALF_TURN, EDGE_COST, ""))
 }
 
 /// The violation of touching another road user.

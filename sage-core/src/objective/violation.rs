@@ -15,6 +15,8 @@ pub const MEDIAN: &str = "median";
 pub const AGENT: &str = "agent";
 /// The centre is beyond the road edge.
 pub const OFF_ROAD: &str = "off_road";
+/// The heading changes by more than 90° from one frame to the next.
+pub const HALF_TURN: &str = "half_turn";
 
 /// Ego and adversary overlap *now*: whatever the adversary does, it is no attack.
 pub const CONTACT_NOW: &str = "contact_now";

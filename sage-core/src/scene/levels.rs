@@ -1,13 +1,45 @@
-//! Levels of a map: whether a road passes above another one.
+//! Levels: whether a road passes above another one, and which of them a road user is on.
 
-use std::collections::HashMap;
+use std::{cell::OnceCell, collections::HashMap};
 
-use super::Map;
+use super::{Map, Track};
+
+/// Height difference above which two objects are on different levels, metres.
+pub const LEVEL_GAP: f64 = 3.0;
 
 /// Width of a cell of the plane, metres. On a slope of 10 % heights in a cell differ by less than 1.2 m.
 const CELL: f64 = 8.0;
 /// Largest number of sampled points; segments longer than expected are then sampled more coarsely.
 const MOST: f64 = 1e6;
+
+/// Whether heights of the ground (metres) are those of one level.
+pub fn is_one_level(a: f64, b: f64) -> bool {
+    (a - b).abs() <= LEVEL_GAP
+}
+
+/// Tells road users of a map apart that are on different levels. On a map with one level nobody is: there heights may be
+/// missing or mean nothing.
+pub struct Levels<'m> {
+    map: &'m Map,
+    has_levels: OnceCell<bool>,
+}
+
+impl<'m> Levels<'m> {
+    /// Those of a map, which is looked at when two heights differ.
+    pub fn of(map: &'m Map) -> Self {
+        Self { map, has_levels: OnceCell::new() }
+    }
+
+    /// Whether two heights of the ground (metres) belong to different levels.
+    pub fn differ(&self, a: f64, b: f64) -> bool {
+        !is_one_level(a, b) && *self.has_levels.get_or_init(|| largest_step(self.map) > LEVEL_GAP)
+    }
+
+    /// Whether two road users are on different levels at a frame at which both are valid.
+    pub fn differ_at(&self, frame: usize, a: &Track, b: &Track) -> bool {
+        self.differ(a.ground(frame), b.ground(frame))
+    }
+}
 
 /// Greatest difference of the heights in one cell of the plane, metres; 0 for an empty map.
 pub(super) fn largest_step(map: &Map) -> f64 {

@@ -1,7 +1,7 @@
 //! The recording of one road user.
 
 use crate::{
-    geometry::{OrientedBox, Point, sub},
+    geometry::{OrientedBox, Point, dot, norm, sub},
     motion::{DT, NOW, Pose, Trajectory, kinematics::paper},
 };
 
@@ -91,6 +91,27 @@ impl Track {
         [x, y]
     }
 
+    /// Height of the ground under it at a frame, metres.
+    #[inline]
+    pub fn ground(&self, frame: usize) -> f64 {
+        self.position[frame][2] - 0.5 * self.size[frame][2]
+    }
+
+    /// Whether it drives backwards at a frame: it moves, and more than 90° off its heading. The motion is that from the frame
+    /// before, or the recorded velocity if that frame is not valid.
+    pub fn reverses(&self, frame: usize) -> bool {
+        if !self.is_valid(frame) {
+            return false;
+        }
+        let before = frame.checked_sub(1).filter(|before| self.is_valid(*before));
+        let velocity = match before {
+            Some(before) => sub(self.point(frame), self.point(before)).map(|d| d / DT),
+            None => self.velocity[frame],
+        };
+        let (sin, cos) = self.heading[frame].sin_cos();
+        norm(velocity) >= paper::MOVING && dot(velocity, [cos, sin]) < 0.0
+    }
+
     /// Box at a frame with that frame's logged heading and size.
     #[inline]
     pub fn oriented_box(&self, frame: usize) -> OrientedBox {
@@ -116,7 +137,7 @@ impl Track {
         let mut track = self.clone();
         let last = (0..=NOW).rev().find(|&frame| track.is_valid(frame)).unwrap_or(NOW);
         let start = Pose { position: track.point(last), heading: track.heading[last] };
-        let axes = paper::profile(trajectory.points(), &start).axis;
+        let axes = paper::profile_from(trajectory.points(), &start, self.reverses(last)).axis;
         let (height, size) = (track.position[last][2], track.size[last]);
         let mut before = start.position;
         // If the last valid frame is earlier than *now*, the first step takes more than one frame.

@@ -12,8 +12,9 @@ use parquet::{
         reader::{FileReader, RowGroupReader, SerializedFileReader},
     },
 };
+use sage_core::defect;
 
-use super::{guarded::guarded, pages::decompressed_size};
+use super::pages::decompressed_size;
 
 /// Most rows. Real files have 2 000 to 30 000.
 const MOST_ROWS: usize = 200_000;
@@ -55,7 +56,8 @@ const MOTION: [&str; 5] = ["position_x", "position_y", "heading", "velocity_x", 
 ///
 /// *Errors*: the column, and what is wrong with it.
 pub(super) fn read(bytes: Vec<u8>) -> Result<Rows, Problem> {
-    guarded(|| read_columns(bytes)).unwrap_or_else(|| Err(Problem::file("it is damaged".to_owned())))
+    // The library panics at some damaged files.
+    defect::expected(|| read_columns(bytes)).unwrap_or_else(|| Err(Problem::file("it is damaged".to_owned())))
 }
 
 fn read_columns(bytes: Vec<u8>) -> Result<Rows, Problem> {

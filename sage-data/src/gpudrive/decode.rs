@@ -56,7 +56,7 @@ pub(crate) fn document(
     let mut notes = Vec::new();
     let ids = ids_of_objects(&objects, &own);
     let unit = Unit::of(&objects, dialect);
-    let reader = Reader { path, frames, dialect, unit, objects: &objects, ids: &ids };
+    let reader = Reader { path, frames, dialect, unit, objects: &objects, ids: &ids, rate: options.rate };
     let ego = reader.ego(&metadata, options)?;
     // Numbers take 8 bytes, and at least 5 in the file.
     let mut values = Values::with_capacity(body.len() / 2);
@@ -109,6 +109,8 @@ struct Reader<'r> {
     objects: &'r [Of<Object<'r>>],
     /// Ids of the objects.
     ids: &'r [String],
+    /// Frames per second, if the user says so: the format has no times.
+    rate: Option<f64>,
 }
 
 impl Reader<'_> {
@@ -208,8 +210,10 @@ impl Reader<'_> {
             (values.word("heading"), values.doubles(&[frames], &headings)),
             (values.word("valid"), values.bools(&valid)),
         ];
+        let has_size = object.size[..2] != [Some(0.0); 2];
         for (key, size) in ["length", "width", "height"].into_iter().zip(object.size) {
-            if let Some(size) = size {
+            // Some writers take the size of the last frame, 0 if the road user is not there then.
+            if let Some(size) = size.filter(|_| has_size) {
                 state.push((values.word(key), values.float(size)));
             }
         }
@@ -348,7 +352,8 @@ impl Reader<'_> {
         values: &mut Values,
         notes: &mut Vec<String>,
     ) -> Id {
-        let times: Vec<f64> = (0..self.frames).map(|frame| frame as f64 * DT).collect();
+        let step = self.rate.map_or(DT, |rate| 1.0 / rate);
+        let times: Vec<f64> = (0..self.frames).map(|frame| frame as f64 * step).collect();
         let seconds = values.doubles(&[self.frames], &times);
         let originals = originals(&own.objects);
         let interest = metadata.objects_of_interest.iter().flatten();

@@ -10,14 +10,14 @@ use std::{
 use sage_core::{
     motion::{HISTORY, MAX_COORDINATE},
     scene::{
-        AdversaryOrigin, Boundary, FOCAL_NOTE, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene,
-        TrafficLight,
+        AdversaryOrigin, Boundary, FOCAL_NOTE, Lane, Map, MapFeature, MapKind, Neighbor, Scene,
     },
 };
 
 use super::{
     ASSUMED_SIZES,
     fields::{Field, Fields},
+    lights::{lights, point},
     tracks::{Whole, tracks},
 };
 use crate::{
@@ -73,7 +73,7 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
         None => Vec::new(),
     };
     let map = Arc::new(map(&fields, top, &mut notes)?);
-    let lights = lights(&fields, top, frames)?;
+    let lights = lights(&fields, top, frames, options.strict, &mut notes)?;
     // A lookup beyond the work limit returns `None`, which must not count as a missing field.
     fields.spend(&root.key("(root)"), 0)?;
     let (adversary, adversary_origin) = (None, AdversaryOrigin::None);
@@ -137,59 +137,6 @@ fn named_adversary(fields: &Fields, metadata: Id, ego: &str) -> Option<String> {
         }
     }
     if others.len() == 1 { others.pop() } else { None }
-}
-
-// --- lights ---
-
-fn lights(fields: &Fields, top: Id, frames: usize) -> Result<Vec<TrafficLight>, Error> {
-    let Some(id) = fields.optional(top, "dynamic_map_states") else { return Ok(Vec::new()) };
-    let field = Field::ROOT.key("dynamic_map_states");
-    let mut lights = Vec::new();
-    for (key, value) in fields.entries(id, &field)? {
-        let name = fields.identifier(*key, &field)?;
-        let field = field.key(&name);
-        let state = fields.required(*value, &field, "state", "a dict with `object_state`")?;
-        let of_state = field.key("state");
-        let list = fields.required(state, &of_state, "object_state", "one state per frame")?;
-        let of_states = of_state.key("object_state");
-        let items =
-            fields.document.items(list).ok_or_else(|| fields.wrong(&of_states, list, "a list of names"))?;
-        fields.check_length(&of_states, items.len(), frames)?;
-        fields.spend(&of_states, items.len())?;
-        let mut last: Option<(Id, LightState)> = None;
-        let mut states = Vec::with_capacity(frames);
-        for item in items {
-            // Consecutive frames often share one value.
-            let state = match (last, fields.document.node(*item)) {
-                (Some((id, state)), _) if id == *item => state,
-                (_, Node::None) => LightState::Unknown,
-                _ => LightState::from_name(fields.text(*item, &of_states)?),
-            };
-            last = Some((*item, state));
-            states.push(state);
-        }
-        let lane = match fields.optional(*value, "lane") {
-            Some(lane) => fields.identifier(lane, &field.key("lane"))?,
-            None => name.clone(),
-        };
-        let stop_point = match fields.optional(*value, "stop_point") {
-            Some(id) => point(fields, id, &field.key("stop_point"))?,
-            None => None,
-        };
-        lights.push(TrafficLight { lane, stop_point, states });
-    }
-    Ok(lights)
-}
-
-/// A single position of two or three numbers; `None` if it is empty.
-fn point(fields: &Fields, id: Id, field: &Field) -> Result<Option<[f64; 3]>, Error> {
-    let numbers = fields.rows::<1>(id, field, &[1])?;
-    match numbers[..] {
-        [] => Ok(None),
-        [[x], [y]] => Ok(Some([x, y, 0.0])),
-        [[x], [y], [z]] => Ok(Some([x, y, z])),
-        _ => Err(fields.wrong(field, id, "a position of 2 or 3 numbers")),
-    }
 }
 
 // --- map ---

@@ -13,6 +13,9 @@ const HEAD: f64 = 2.0;
 /// Smallest length of a connecting road along the heading of the lane that it leads to, metres.
 const ROOM: f64 = 0.02;
 
+/// Most lanes that are left out between two that are linked.
+const MOST_PASSED: usize = 64;
+
 /// A link from one lane to the next, as indices of written lanes.
 pub(super) type Link = [usize; 2];
 
@@ -65,20 +68,36 @@ fn recorded(
     let mut links = Vec::new();
     let mut seen = HashSet::new();
     for (a, lane) in lanes.iter().enumerate() {
-        for exit in &lane.recorded.exits {
-            let Some(&b) = written.get(exit) else { continue };
+        for (b, is_direct) in followers(map, &lane.recorded.exits, written) {
             if !seen.insert([a, b]) {
                 continue;
             }
             let gap = distance(lane.line.last(), lanes[b].line.first());
             if gap <= GAP {
                 links.push([a, b]);
-            } else {
+            } else if is_direct {
                 notes.push(format!("{}: left out, {gap:.2} m lie between", name(map, lanes, [a, b])));
             }
         }
     }
     links
+}
+
+/// The written lanes that follow a lane with these exits, and whether directly: those behind a lane that is left out, because it
+/// is too short, take its place.
+fn followers(map: &Map, exits: &[usize], written: &HashMap<usize, usize>) -> Vec<(usize, bool)> {
+    let mut found = Vec::new();
+    let mut passed = HashSet::new();
+    let mut next: Vec<(usize, bool)> = exits.iter().rev().map(|exit| (*exit, true)).collect();
+    while let Some((feature, is_direct)) = next.pop() {
+        if let Some(lane) = written.get(&feature) {
+            found.push((*lane, is_direct));
+        } else if passed.insert(feature) && passed.len() <= MOST_PASSED {
+            let exits = map.features[feature].lane.as_deref().map_or(&[][..], |lane| &lane.exits);
+            next.extend(exits.iter().rev().map(|exit| (*exit, false)));
+        }
+    }
+    found
 }
 
 /// Shortens the lanes that junctions lead to, and groups the links by junction.

@@ -61,7 +61,7 @@ pub(super) struct Machine {
     pub(super) end: usize,
     pub(super) nodes: Vec<Node>,
     /// Limit of values, stack entries and memo entries.
-    limit: usize,
+    pub(super) limit: usize,
     stack: Vec<Id>,
     marks: Vec<usize>,
     memo: Vec<Id>,

@@ -13,14 +13,18 @@ pub enum ElementKind {
     Uint,
     /// `f`.
     Float,
+    /// `U`: texts of four bytes a character. Arrays of them are read as lists.
+    Text,
+    /// `S`: texts of one byte a character, likewise.
+    Bytes,
 }
 
-/// A numeric numpy type.
+/// A numpy type of numbers or texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Dtype {
     /// Kind.
     pub kind: ElementKind,
-    /// Bytes an element: 1, 2, 4 or 8.
+    /// Bytes an element: 1, 2, 4 or 8 of numbers.
     pub size: u8,
     /// Whether the most significant byte comes first.
     pub big_endian: bool,
@@ -34,6 +38,9 @@ impl Dtype {
             [b'<' | b'=' | b'|', rest @ ..] => (false, rest),
             _ => (false, name),
         };
+        if let [letter @ (b'U' | b'S'), digits @ ..] = name {
+            return Self::of_texts(*letter, digits, big_endian);
+        }
         let (kind, sizes): (_, &[u8]) = match name.first()? {
             b'b' => (ElementKind::Bool, &[1]),
             b'i' => (ElementKind::Int, &[1, 2, 4, 8]),
@@ -49,6 +56,24 @@ impl Dtype {
         }
     }
 
+    /// A type of texts, with its number of characters as digits.
+    fn of_texts(letter: u8, digits: &[u8], big_endian: bool) -> Option<Self> {
+        let (kind, unit) = if letter == b'U' { (ElementKind::Text, 4) } else { (ElementKind::Bytes, 1) };
+        let is_plain = digits.first().is_some_and(|first| *first != b'0') && digits.iter().all(u8::is_ascii_digit);
+        let characters: u8 = std::str::from_utf8(digits).ok().filter(|_| is_plain)?.parse().ok()?;
+        Some(Self { kind, size: characters.checked_mul(unit)?, big_endian })
+    }
+
+    /// Whether its elements are texts.
+    pub(super) fn is_text(self) -> bool {
+        matches!(self.kind, ElementKind::Text | ElementKind::Bytes)
+    }
+
+    /// The number behind the letter: bytes of a number, characters of a text.
+    pub(super) fn count(self) -> u8 {
+        if self.kind == ElementKind::Text { self.size / 4 } else { self.size }
+    }
+
     /// Letter of the kind.
     pub fn letter(self) -> char {
         match self.kind {
@@ -56,12 +81,15 @@ impl Dtype {
             ElementKind::Int => 'i',
             ElementKind::Uint => 'u',
             ElementKind::Float => 'f',
+            ElementKind::Text => 'U',
+            ElementKind::Bytes => 'S',
         }
     }
 
     /// Byte order as numpy writes it into a type's state.
     pub(super) fn order(self) -> char {
         match (self.size, self.big_endian) {
+            _ if self.kind == ElementKind::Bytes => '|',
             (1, _) => '|',
             (_, true) => '>',
             (_, false) => '<',
@@ -88,7 +116,8 @@ impl Dtype {
     pub fn read(self, bytes: &[u8]) -> impl Iterator<Item = f64> {
         bytes.chunks_exact(usize::from(self.size)).map(move |raw| {
             let mut le = [0u8; 8];
-            let size = raw.len();
+            let size = raw.len().min(8);
+            let raw = &raw[..size];
             le[..size].copy_from_slice(raw);
             if self.big_endian {
                 le[..size].reverse();
@@ -106,6 +135,8 @@ impl Dtype {
                     4 => f64::from(f32::from_bits(unsigned as u32)),
                     _ => half(unsigned as u16),
                 },
+                // No array holds texts.
+                ElementKind::Text | ElementKind::Bytes => f64::NAN,
             }
         })
     }
@@ -122,9 +153,10 @@ impl Dtype {
                 (ElementKind::Float, 8) => x.to_bits(),
                 (ElementKind::Float, 4) => u64::from((x as f32).to_bits()),
                 (ElementKind::Float, _) => u64::from(to_half(x as f32)),
+                (ElementKind::Text | ElementKind::Bytes, _) => 0,
             };
             let mut raw = bits.to_le_bytes();
-            let raw = &mut raw[..usize::from(self.size)];
+            let raw = &mut raw[..usize::from(self.size).min(8)];
             if self.big_endian {
                 raw.reverse();
             }
@@ -137,7 +169,7 @@ impl Dtype {
 impl fmt::Display for Dtype {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let order = if self.big_endian && self.size > 1 { ">" } else { "" };
-        write!(f, "{order}{}{}", self.letter(), self.size)
+        write!(f, "{order}{}{}", self.letter(), self.count())
     }
 }
 
@@ -189,7 +221,11 @@ mod tests {
             assert_eq!(bytes.len(), values.len() * usize::from(dtype.size));
             assert_eq!(dtype.read(&bytes).collect::<Vec<_>>(), values, "{name}");
         }
-        for bad in ["O8", "U5", "f3", "f16", "c8", "", "M8[ns]", "V4"] {
+        for (name, size) in [("U15", 60), ("<U1", 4), ("S15", 15)] {
+            let dtype = Dtype::from_name(name.as_bytes()).unwrap();
+            assert_eq!((dtype.size, dtype.is_text()), (size, true), "{name}");
+        }
+        for bad in ["O8", "U", "U0", "U64", "U05", "S256", "f3", "f16", "c8", "", "M8[ns]", "V4"] {
             assert_eq!(Dtype::from_name(bad.as_bytes()), None, "{bad}");
         }
     }

@@ -77,7 +77,10 @@ impl Machine {
                 }
                 Node::UnbuiltDtype(self.dtype_name(*name)?)
             }
-            (Global::Scalar, [dtype, data]) => self.scalar(*dtype, *data)?,
+            (Global::Scalar, [dtype, data]) => match self.dtype(*dtype)? {
+                texts if texts.is_text() => self.text_scalar(texts, self.data(*data)?)?,
+                _ => self.scalar(*dtype, *data)?,
+            },
             (Global::FromBuffer, [data, dtype, shape, order]) => {
                 if !matches!(self.node(*data), Node::Bytes(_) | Node::ByteArray(_)) {
                     return Err(kind("the buffer of an array", self.node(*data), "bytes or a bytearray"));
@@ -88,7 +91,7 @@ impl Machine {
                     _ => return Err(form("the order of an array", "`C` or `F`")),
                 };
                 let array = self.array_of(*shape, *dtype, fortran, self.data(*data)?)?;
-                Node::Array(Box::new(Array { from_buffer: true, ..array }))
+                self.array_or_texts(Array { from_buffer: true, ..array })?
             }
             (Global::Encode, [text, encoding]) => {
                 if self.str_bytes(*encoding) != Some(b"latin1") {
@@ -146,7 +149,7 @@ impl Machine {
 
     /// Accounts for a copy of a value that may be shared. Without a limit a short file could cause many
     /// copies of one long value.
-    fn pay(&mut self, bytes: usize) -> Result<(), Problem> {
+    pub(super) fn pay(&mut self, bytes: usize) -> Result<(), Problem> {
         let limit = self.size.saturating_mul(4);
         self.copied = self.copied.saturating_add(bytes);
         if self.copied > limit { Err(Problem::TooMuch(limit)) } else { Ok(()) }
@@ -177,16 +180,18 @@ impl Machine {
                     }
                     _ => self.data(*data)?,
                 };
-                Node::Array(Box::new(self.array_of(*shape, *dtype, fortran, data)?))
+                let array = self.array_of(*shape, *dtype, fortran, data)?;
+                self.array_or_texts(array)?
             }
             (Node::UnbuiltDtype(dtype), [version, order, subtype, names, fields, size, alignment, flags]) => {
                 let is_plain =
                     [subtype, names, fields].iter().all(|id| matches!(self.node(**id), Node::None))
                         && self.is_int(*version, 3)
-                        && [size, alignment].iter().all(|id| self.is_int(**id, -1))
+                        && ([size, alignment].iter().all(|id| self.is_int(**id, -1)) && !dtype.is_text()
+                            || dtype.is_text() && self.is_state_of_texts(*dtype, *size, *alignment))
                         && self.is_int(*flags, 0);
                 if !is_plain {
-                    return Err(form("the state of a numpy type", "(3, order, None, None, None, -1, -1, 0)"));
+                    return Err(form("the state of a numpy type", "(3, order, None, None, None, size, alignment, 0)"));
                 }
                 let order = match self.node(*order) {
                     Node::Bytes(order) => Some(self.slice(*order)),
@@ -230,7 +235,7 @@ impl Machine {
         }
     }
 
-    fn is_int(&self, id: Id, value: i64) -> bool {
+    pub(super) fn is_int(&self, id: Id, value: i64) -> bool {
         matches!(self.node(id), Node::Int(x) if *x == value)
     }
 

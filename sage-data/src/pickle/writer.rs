@@ -2,7 +2,7 @@
 //!
 //! Shared values stay shared. Both numpy 1 and numpy 2 can read the arrays.
 
-use super::{Array, Document, Dtype, Id, Node, Span, opcode as op};
+use super::{Array, Document, Dtype, ElementKind, Id, Node, Span, opcode as op};
 
 /// Number of entries per SETITEMS, APPENDS or ADDITEMS, as in Python's pickler.
 const BATCH: usize = 1000;
@@ -393,14 +393,19 @@ impl<'d> Writer<'d> {
             return;
         }
         self.global("numpy", "dtype");
-        self.word(&format!("{}{}", dtype.letter(), dtype.size));
+        self.word(&format!("{}{}", dtype.letter(), dtype.count()));
         self.out.extend([op::NEWFALSE, op::NEWTRUE, op::TUPLE3, op::REDUCE]);
         self.store(key);
         self.out.extend([op::MARK, op::BININT1, 3]);
         self.word(&dtype.order().to_string());
         self.out.extend([op::NONE, op::NONE, op::NONE]);
-        self.int(-1);
-        self.int(-1);
+        let [size, alignment] = match dtype.kind {
+            ElementKind::Text => [i64::from(dtype.size), 4],
+            ElementKind::Bytes => [i64::from(dtype.size), 1],
+            _ => [-1, -1],
+        };
+        self.int(size);
+        self.int(alignment);
         self.out.extend([op::BININT1, 0, op::TUPLE, op::BUILD]);
     }
 

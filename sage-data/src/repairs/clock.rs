@@ -8,12 +8,12 @@ use std::path::Path;
 
 use sage_core::{
     geometry::{norm, sub},
-    motion::DT,
+    motion::{DT, HISTORY},
     scene::{Scene, Track},
 };
 
 use super::Repair;
-use crate::Error;
+use crate::{Error, ReadOptions};
 
 /// Largest deviation of the median step from 0.1 s at 10 Hz, seconds.
 const TEN_HERTZ: f64 = 0.05 * DT;
@@ -23,6 +23,8 @@ const RATES: [f64; 2] = [0.0098, 0.204];
 const LONGEST: f64 = 2.0;
 /// A `sample_rate` below this is a period in seconds.
 const LEAST_RATE: f64 = 2.0;
+/// Fewest different times that say something of the rate.
+const FEW_TIMES: usize = 3;
 /// Units of times other than seconds.
 const UNITS: [(&str, f64); 3] = [("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9)];
 /// Difference between two steps that contradict each other, as a share.
@@ -43,6 +45,14 @@ pub enum Clock {
 }
 
 impl Clock {
+    /// Median time between two frames, seconds.
+    pub(super) fn step(&self) -> f64 {
+        match self {
+            Self::Ten => DT,
+            Self::Other { step, .. } => *step,
+        }
+    }
+
     /// Time from one frame to a later one, seconds.
     pub fn between(&self, first: usize, last: usize) -> f64 {
         match self {
@@ -58,9 +68,11 @@ impl Clock {
     pub(super) fn of(
         scene: &mut Scene,
         sample_rate: Option<f64>,
-        may_be_slow: bool,
+        options: &ReadOptions,
         path: &Path,
     ) -> Result<Self, Error> {
+        let may_be_slow = options.resample;
+        let sample_rate = options.rate.or(sample_rate);
         let period = sample_rate.filter(|rate| rate.is_finite() && *rate > 0.0);
         let period = period.map(|rate| if rate < LEAST_RATE { rate } else { 1.0 / rate });
         let wrong = |field: &str, found: String, expected: String| Error::Field {
@@ -70,6 +82,10 @@ impl Clock {
             expected,
         };
         let mut field = "ts";
+        if have_stood_still(scene) {
+            let first = scene.timestamps[0];
+            scene.timestamps.fill(first);
+        }
         let mut step = match median_step(&scene.timestamps) {
             Some(step) if step < 0.0 => {
                 let times = &scene.timestamps;
@@ -79,7 +95,7 @@ impl Clock {
             }
             Some(step) if step > 0.0 => step,
             constant => {
-                field = "sample_rate";
+                field = if options.rate.is_some() { "--rate" } else { "sample_rate" };
                 let step = period.unwrap_or(DT);
                 if constant.is_some() {
                     let text = format!("the times are constant; a frame every {step} s is assumed");
@@ -104,7 +120,13 @@ impl Clock {
                 .notes
                 .push(Repair::FrameRate.note(format!("the times are in {unit}; they are read as such")));
         }
-        if let Some(period) = period.filter(|period| (step / period - 1.0).abs() > CONTRADICTION) {
+        let contradicts = |period: &f64| (step / period - 1.0).abs() > CONTRADICTION;
+        if let Some(rate) = options.rate.filter(|rate| contradicts(&(1.0 / rate))) {
+            let found = format!("{} Hz, but the file has times, a frame every {} s", rounded(rate), rounded(step));
+            let expected = "no --rate: it is for files without times".to_owned();
+            return Err(wrong("--rate", found, expected));
+        }
+        if let Some(period) = period.filter(contradicts) {
             let text = format!(
                 "the times have a frame every {step:.4} s, `sample_rate` says {period:.4} s; the times are used"
             );
@@ -143,6 +165,19 @@ impl Clock {
         }
         Ok(Self::Other { times, step })
     }
+}
+
+/// Whether a clock has only two or three values, none of which is a rate, as seconds since 1970 have in 32 bits, while the
+/// motion is that of 10 Hz: it says nothing.
+fn have_stood_still(scene: &Scene) -> bool {
+    let times = &scene.timestamps;
+    let changes = times.windows(2).filter(|w| w[1] != w[0]).count();
+    if changes == 0 || changes >= FEW_TIMES || times.len() < HISTORY {
+        return false;
+    }
+    let step = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
+    let fits = implied_step(&scene.tracks).is_none_or(|implied| (implied / DT - 1.0).abs() <= 0.25);
+    fits && !(step - DT).abs().le(&TEN_HERTZ)
 }
 
 /// Whether coarse digits hide 10 Hz: the steps are 0.1 s on average, and none is far from it.

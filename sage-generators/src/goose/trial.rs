@@ -161,12 +161,12 @@ impl DriverUnderTest for RepeatedEgo<'_> {
         let candidate = ctx.candidate(plan.clone());
         let ego = ctx.ego();
         let mut poses: Vec<Option<Pose>> = (0..=NOW).map(|frame| pose_of(ctx.scene().ego(), frame)).collect();
-        for (own, other) in candidate.boxes().iter().zip(ego.boxes()) {
+        for (step, (own, other)) in candidate.steps().zip(candidate.boxes().iter().zip(ego.boxes())) {
             poses.push(other.map(|area| {
                 let [x, y] = area.axis;
                 Pose { position: area.center, heading: y.atan2(x) }
             }));
-            if other.is_some_and(|area| area.overlap_depth(own) > 0.0) {
+            if other.is_some_and(|area| area.overlap_depth(own) > 0.0) && ego.is_on_level_of(&candidate, step) {
                 return Ok(DrivenEgo { poses, hits_adversary: true });
             }
         }

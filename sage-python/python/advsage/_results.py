@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, TypeVar, overload
 
 from . import _advsage
-from .errors import FileError, FormatError, PlannerError, SceneError
+from .errors import FileError, FormatError, InternalError, PlannerError, SceneError
 from .planner import Planner
 
 SceneLike = _advsage.Scene | str | os.PathLike[str]
@@ -298,7 +298,7 @@ def _each(results: Iterator[Result], names: list[str], errors: Errors) -> Iterat
             result = next(results)
         except StopIteration:
             break
-        except (FileError, FormatError, PlannerError, SceneError) as error:
+        except (FileError, FormatError, InternalError, PlannerError, SceneError) as error:
             # What a planner raised says more than that it failed.
             raised = error.__cause__ if isinstance(error.__cause__, Exception) else error
             errors[names[number]] = raised

@@ -6,13 +6,11 @@ use sage_core::{
     geometry::{Aabb, OrientedBox, Point, SweptBox, boxes_meet_between, sub},
     motion::NOW,
     objective::Context,
-    scene::SceneIndex,
+    scene::{Hitch, LEVEL_GAP, SceneIndex, is_one_level},
 };
 
 use crate::fault::is_behind;
 
-/// Objects more than this above or below the ego are on another level, metres.
-pub(super) const HEIGHT_GAP: f64 = 3.0;
 /// The ego's box is grown by this on each side, metres, so that other simulators agree that nothing touches.
 pub(super) const MARGIN: f64 = 1e-3;
 
@@ -69,26 +67,24 @@ impl Surroundings {
         let (scene, index) = (ctx.scene(), ctx.index());
         let ego = scene.ego();
         let last = (0..=NOW + ctx.horizon()).rev().find(|&f| ego.is_valid(f)).unwrap_or(NOW);
-        let ground_at = |track: &sage_core::scene::Track, frame: usize| {
-            track.position[frame][2] - 0.5 * track.size[frame][2]
-        };
         let level = |step: usize| {
             let frame = (NOW..=(NOW + step).min(last)).rev().find(|&f| ego.is_valid(f)).unwrap_or(NOW);
-            ground_at(ego, frame)
+            ego.ground(frame)
         };
         let ground: Vec<f64> = (0..=ctx.horizon()).map(level).collect();
         let mut others: Vec<Vec<Moving>> = (0..ctx.horizon()).map(|_| Vec::new()).collect();
-        for other in ctx.others() {
+        let trailer = Hitch::of(scene, scene.ego).map(|hitch| hitch.trailer);
+        for other in ctx.others().iter().filter(|other| Some(other.track) != trailer) {
             let track = &scene.tracks[other.track];
             for (k, list) in others.iter_mut().enumerate() {
                 let Some(to) = other.at(k + 1) else { continue };
-                if (ground_at(track, NOW + k + 1) - ground[k + 1]).abs() > HEIGHT_GAP {
+                if !is_one_level(track.ground(NOW + k + 1), ground[k + 1]) {
                     continue;
                 }
                 list.push(Moving::new(other.track, *other.at(k).unwrap_or(to), *to));
             }
         }
-        let ground = index.has_levels(HEIGHT_GAP).then_some(ground);
+        let ground = index.has_levels(LEVEL_GAP).then_some(ground);
         Self { index: index.clone(), others, ground }
     }
 
@@ -166,7 +162,7 @@ impl Surroundings {
 
     fn is_level(&self, step: usize, p: Point, segment: &sage_core::geometry::Segment) -> bool {
         self.ground.as_ref().is_none_or(|ground| {
-            (segment.height(segment.nearest_share(p)) - ground[step]).abs() <= HEIGHT_GAP
+            is_one_level(segment.height(segment.nearest_share(p)), ground[step])
         })
     }
 
@@ -187,6 +183,7 @@ impl Surroundings {
             .iter()
             .filter(|other| !passed.from_behind.contains(&other.track))
             .chain([&adversary[final_step]])
+            .filter(|other| !other.bounds.is_empty())
             .map(|other| (other.from, other.to))
             .collect();
         let moved = |area: &OrientedBox, by: Point| OrientedBox {
@@ -210,8 +207,16 @@ impl Surroundings {
     }
 }
 
-/// The adversary's boxes between all steps; the first begins where it is *now*.
-pub(super) fn plan(track: usize, now: OrientedBox, boxes: &[OrientedBox]) -> Vec<Moving> {
+/// The adversary's boxes between all steps; the first begins where it is *now*. At a step at which it is on another level it
+/// meets nobody.
+pub(super) fn plan(
+    track: usize,
+    now: OrientedBox,
+    boxes: &[OrientedBox],
+    is_level: impl Fn(usize) -> bool,
+) -> Vec<Moving> {
     let from = std::iter::once(&now).chain(boxes);
-    from.zip(boxes).map(|(from, to)| Moving::new(track, *from, *to)).collect()
+    let moving = from.zip(boxes).map(|(from, to)| Moving::new(track, *from, *to)).zip(1..);
+    let met = |(moving, step)| if is_level(step) { moving } else { Moving { bounds: Aabb::EMPTY, ..moving } };
+    moving.map(met).collect()
 }

@@ -126,6 +126,7 @@ pub fn drive_episode(
         }
     }
     row.off_road = row.off_road.filter(|_| off_road.is_measured());
+    row.off_road = row.off_road.map(|leaves| leaves && !scene.recording_leaves_road());
     row.standing = standing.is_long();
     let world = environment.world();
     for contact in &world.facts().contacts {

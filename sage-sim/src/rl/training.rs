@@ -11,7 +11,7 @@ mod attacking;
 
 use std::{io, path::Path, sync::Arc};
 
-use sage_core::seed::Rng;
+use sage_core::{defect, seed::Rng};
 
 use super::{
     ActorPolicy, Attacker, Curriculum, DrivenStep, Evaluation, Progress, SceneSampler, TrainingOptions,
@@ -178,9 +178,12 @@ impl<'a> Training<'a> {
         for _ in 0..MOST_FAILURES {
             let episode = self.state.counters.episodes;
             self.state.counters.episodes += 1;
-            let rng = |purpose| Rng::new(self.options.seed, &episode.to_string(), purpose);
+            let seed = self.options.seed;
+            let rng = |purpose| Rng::new(seed, &episode.to_string(), purpose);
             let scene = self.draw_scene(episode, &mut rng("scene"));
-            match self.begin_in(scene, episode, k, &mut rng("coin"), rng("world").bits()) {
+            let mut coin = rng("coin");
+            let begun = defect::caught(|| self.begin_in(scene, episode, k, &mut coin, rng("world").bits()));
+            match begun.unwrap_or_else(|defect| Err(self.setting.scenes[scene].error(defect.to_string()))) {
                 Ok(running) if running.observation.iter().all(|x| x.is_finite()) => {
                     self.state.learner.begin(k, &running.observation);
                     return Ok(running);

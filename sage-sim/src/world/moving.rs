@@ -109,7 +109,7 @@ impl World {
         let radius = 0.5 * self.size[0].hypot(self.size[1]);
         let (traffic, options) = (&self.state.traffic, &self.options);
         let mut near = near(traffic, motion, radius, options.traffic.dynamic, options.whole_physics);
-        near.retain(|pair| self.is_on_level(&pair.from));
+        near.retain(|pair| self.may_meet(&pair.from));
         near
     }
 

@@ -6,7 +6,10 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, anyhow};
-use sage_core::files::{self, Existing};
+use sage_core::{
+    defect::Defect,
+    files::{self, Existing},
+};
 use sage_data::{
     EncodedGpuDrive, Recording, dataset, folder,
     openscenario::{Export, Options},
@@ -19,7 +22,7 @@ use super::{Tally, file_name, with_suffix};
 use crate::{
     Outcome,
     cli::{ConvertArgs, ConvertFormat},
-    outcome::{EndsWith, may_pass, may_succeed_later},
+    outcome::{EndsWith, caught, may_pass, may_succeed_later},
     output::{self, DatasetRun, FileRecord, Part, SceneRecord, State},
     progress::{self, Progress},
     scenario_files,
@@ -186,7 +189,10 @@ fn one(args: &ConvertArgs, folder: &Path, job: Job, known: &HashMap<String, Vec<
         Job::Convert(item, file) => {
             let name = file.to_string_lossy().into_owned();
             let known = known.get(&name).map_or(&[][..], |files| files);
-            Done { result: converted(args, folder, item, &name, known), name }
+            let path = item.path().display().to_string();
+            let result = caught(|| converted(args, folder, item, &name, known));
+            let named = |error: anyhow::Error| if error.is::<Defect>() { error.context(format!("`{path}`")) } else { error };
+            Done { result: result.map_err(named), name }
         }
         Job::Refused(path, error) => Done { name: path.to_string_lossy().into_owned(), result: Err(error) },
     }

@@ -182,7 +182,7 @@ fn write_file(
     let mut part = FileFacts { file, ..FileFacts::default() };
     let mut stopped = None;
     let encode = |item: Item| {
-        item.read(&args.reading.options()).and_then(|recording| {
+        item.read_and(&args.reading.options(), |recording| {
             let mut encoded = recording.to_scenario()?;
             encoded.notes.extend(repairs::notes_of(&recording).map(|note| (note, 1)));
             Ok(encoded)

@@ -6,11 +6,12 @@ use sage_core::{
     files,
     motion::Trajectory,
     objective::Reason,
-    scene::{Scene, Track},
+    scene::{Scene, SceneIndex, Track, recording_off_road},
 };
 use sage_sim::{
     avoidable::Avoidable,
     episode::{End, Episode, Verdict},
+    fault::FaultClass,
     vehicle::Motion,
 };
 use serde::{Deserialize, Serialize};
@@ -46,6 +47,9 @@ pub(crate) struct DriveRow {
     pub(crate) arrived: Option<i64>,
     /// First step on a road edge that is not touched since the start; null if there is none.
     pub(crate) off_road: Option<i64>,
+    /// Whether the ego's recording leaves the road too: tables then do not count it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) off_road_as_recorded: bool,
     /// Whether the map has road edges: without them `off_road` is not measured.
     #[serde(default = "measured")]
     pub(crate) off_road_measured: bool,
@@ -100,9 +104,9 @@ pub(crate) struct AttackRow {
 
 /// A contact in words. `adversary` is the track of the adversary.
 fn words(contact: &ContactRow, adversary: Option<&str>) -> String {
-    let ContactRow { step, with, impact_speed, side_hit, at_fault, class, .. } = contact;
+    let ContactRow { step, with, impact_speed, side_hit, class, .. } = contact;
     let who = if Some(&**with) == adversary { "the adversary".to_owned() } else { format!("`{with}`") };
-    let fault = fault(*at_fault);
+    let fault = fault(*class);
     let side = side_hit.name();
     format!(
         "contact with {who} {} at the ego's {side}, {impact_speed:.1} m/s; {fault}: {}",
@@ -111,8 +115,9 @@ fn words(contact: &ContactRow, adversary: Option<&str>) -> String {
     )
 }
 
-fn fault(at_fault: Option<bool>) -> &'static str {
-    match at_fault {
+fn fault(class: FaultClass) -> &'static str {
+    match class.is_at_fault() {
+        _ if class == FaultClass::Appeared => "nobody at fault",
         Some(true) => "ego at fault",
         Some(false) => "ego not at fault",
         None => "fault unknown",
@@ -161,6 +166,8 @@ impl DriveRow {
             steps: episode.steps(),
             arrived: episode.arrived.map(step),
             off_road: episode.drive.off_road.step().map(step),
+            off_road_as_recorded: episode.drive.off_road.step().is_some()
+                && recording_off_road(scene, &SceneIndex::new(scene.map.clone())).is_some(),
             off_road_measured: episode.drive.off_road.is_measured(),
             end: match episode.end {
                 End::Contact => RowEnd::Contact,
@@ -237,7 +244,7 @@ impl DriveRow {
         let route = self.completion.map(|c| format!("{:.0} % of the route", 100.0 * c));
         let off_road = match self.off_road {
             _ if !self.off_road_measured => Some("off road not measured (the map has no edges)".to_owned()),
-            step => step.map(|step| format!("off the road {}", time(step))),
+            step => step.map(|step| format!("off the road {}{}", time(step), self.as_recorded())),
         };
         let contact = match (self.end, self.contacts.first()) {
             (RowEnd::Contact, Some(contact)) => words(contact, self.adversary.as_deref()),
@@ -245,6 +252,11 @@ impl DriveRow {
         };
         let verdict = self.verdict().map(|verdict| verdict.words);
         [verdict, Some(contact), off_road, route].into_iter().flatten().collect::<Vec<_>>().join("; ")
+    }
+
+    /// That the recording leaves the road too, in words.
+    fn as_recorded(&self) -> &'static str {
+        if self.off_road_as_recorded { ", as the recording does" } else { "" }
     }
 
     /// The plan of the attack in words; empty without an attack.
@@ -279,12 +291,16 @@ impl DriveRow {
             (RowEnd::Contact, Some(contact)) => {
                 let is_adversary = Some(&contact.with) == self.adversary.as_ref();
                 let who = if is_adversary { String::new() } else { format!(" with `{}`", contact.with) };
-                format!("contact{who} {}, {}", time(contact.step), fault(contact.at_fault))
+                let why = match contact.class {
+                    FaultClass::Appeared => format!(" ({})", contact.class.words()),
+                    _ => String::new(),
+                };
+                format!("contact{who} {}, {}{why}", time(contact.step), fault(contact.class))
             }
             _ => "no contact".to_owned(),
         };
         let off_road = self.off_road.filter(|_| self.off_road_measured);
-        let off_road = off_road.map(|step| format!("off the road {}", time(step)));
+        let off_road = off_road.map(|step| format!("off the road {}{}", time(step), self.as_recorded()));
         let verdict = self.verdict().map(|verdict| verdict.words);
         let all = [verdict, Some(contact), off_road].into_iter().flatten().collect::<Vec<_>>().join("; ");
         format!("{}: {}", names.trim_end(), terminal::escaped_name(&all))

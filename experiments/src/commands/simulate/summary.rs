@@ -13,7 +13,7 @@ struct Tally {
     drives: usize,
     contacts: usize,
     at_fault: usize,
-    /// Drives on a map with road edges, and those of them that left the road.
+    /// Drives that left the road where the recording does not, and all on a map with road edges.
     off_road: [usize; 2],
     attacks: usize,
     avoidable: [usize; 2],
@@ -26,7 +26,7 @@ impl Tally {
         self.contacts += usize::from(!row.contacts.is_empty());
         self.at_fault +=
             usize::from(row.contacts.first().is_some_and(|contact| contact.at_fault == Some(true)));
-        self.off_road[0] += usize::from(row.off_road_measured && row.off_road.is_some());
+        self.off_road[0] += usize::from(row.off_road_measured && row.off_road.is_some() && !row.off_road_as_recorded);
         self.off_road[1] += usize::from(row.off_road_measured);
         self.attacks += usize::from(is_attack);
         let avoidable =

@@ -31,6 +31,7 @@ use super::training_scenes::TrainingScenes;
 use crate::{
     Outcome, Registries,
     cli::TrainGooseArgs,
+    outcome::caught,
     output::{self, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
@@ -140,7 +141,7 @@ fn tests<'e>(list: &Scenes, train: &[SceneData], given: usize, ego: &'e Ego, see
         ctx.check_apart_now()?;
         Ok((test, ctx))
     };
-    let all: Vec<Result<_>> = train.par_iter().with_max_len(1).map(one).collect();
+    let all: Vec<Result<_>> = train.par_iter().with_max_len(1).map(|data| caught(|| one(data))).collect();
     let mut kept = Vec::new();
     for (number, (found, data)) in all.into_iter().zip(train).enumerate() {
         match found {

@@ -35,6 +35,7 @@ use crate::{
     cli::TrainSealArgs,
     generators::{BuiltGenerator, Generators, weight_hashes},
     networks,
+    outcome::caught,
     output::{self, Run, RunState},
     part::Part,
     progress::{self, count},
@@ -189,7 +190,7 @@ fn collect(scenes: &Scenes, train: &[SceneData], candidates: &BuiltGenerator, se
         }
         collected
     };
-    let all: Vec<Result<Collected>> = train.par_iter().with_max_len(1).map(one).collect();
+    let all: Vec<Result<Collected>> = train.par_iter().with_max_len(1).map(|data| caught(|| one(data))).collect();
     let mut sum = Collected::default();
     for (collected, data) in all.into_iter().zip(train) {
         match collected {

@@ -7,15 +7,21 @@
 
 use super::Profile;
 use crate::{
-    geometry::{norm, sub, wrap_angle},
+    geometry::{dot, norm, sub, wrap_angle},
     motion::{DT, Pose},
 };
 
 /// Speed from which the displacement of a step defines the heading, m/s.
 pub const MOVING: f64 = 0.5;
 
-/// Profile of `points` with the start pose `start`.
+/// Profile of `points` with the start pose `start`, of a car that does not drive backwards.
 pub fn profile(points: &[[f64; 2]], start: &Pose) -> Profile {
+    profile_from(points, start, false)
+}
+
+/// As [`profile`]; a car that drives backwards at the start keeps its direction of travel opposite to its heading until it
+/// first moves forwards, or turns to the side of its front.
+pub fn profile_from(points: &[[f64; 2]], start: &Pose, mut reverses: bool) -> Profile {
     let n = points.len();
     let mut p = Profile {
         speed: Vec::with_capacity(n),
@@ -34,8 +40,10 @@ pub fn profile(points: &[[f64; 2]], start: &Pose) -> Profile {
         let length = norm(displacement);
         let speed = length / DT;
         if speed >= MOVING {
-            heading = displacement[1].atan2(displacement[0]);
-            axis = [displacement[0] / length, displacement[1] / length];
+            let ahead = [displacement[0] / length, displacement[1] / length];
+            reverses &= dot(ahead, axis) < 0.0;
+            axis = if reverses { ahead.map(|x| -x) } else { ahead };
+            heading = if reverses { axis[1].atan2(axis[0]) } else { displacement[1].atan2(displacement[0]) };
             first_moving.get_or_insert(step);
         }
         p.speed.push(speed);

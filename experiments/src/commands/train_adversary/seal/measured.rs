@@ -25,7 +25,7 @@ use sage_sim::{
 use serde::Serialize;
 
 use super::collected::RolloutScene;
-use crate::{generators::BuiltGenerator, scenes::Scenes};
+use crate::{generators::BuiltGenerator, outcome::caught, scenes::Scenes};
 
 /// What was measured; every estimate is a mean over scenes with its 95 % interval.
 #[derive(Default, Serialize)]
@@ -84,7 +84,7 @@ pub(super) fn measure(
     let one = |data: &SceneData| {
         in_scene(data, candidates, &weights, encoder, seed).with_context(|| format!("`{}`", data.name))
     };
-    let all: Vec<Result<InScene>> = dev.par_iter().with_max_len(1).map(one).collect();
+    let all: Vec<Result<InScene>> = dev.par_iter().with_max_len(1).map(|data| caught(|| one(data))).collect();
     let mut scenes = Vec::new();
     for (measured, data) in all.into_iter().zip(dev) {
         match measured {

@@ -19,13 +19,13 @@ pub use index::{SceneIndex, Sided};
 pub use levels::{LEVEL_GAP, Levels, is_one_level};
 pub use light::{LightState, TrafficLight};
 pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
-pub use off_road::{EdgesSinceStart, recording_off_road};
+pub use off_road::{EDGE_WIDTH, EdgesSinceStart, recording_off_road};
 pub use scene_data::SceneData;
 pub use sidewalks::Sidewalks;
 pub use track::{Track, TrackKind};
 pub use tracks::Tracks;
 
-use std::sync::Arc;
+use std::{borrow::Cow, ops::Range, sync::Arc};
 
 use crate::{
     Error,
@@ -58,6 +58,18 @@ pub struct Scene {
     pub adversary_origin: AdversaryOrigin,
     /// What a reader corrected or noticed.
     pub notes: Vec<String>,
+    /// Frames at which a standing road user was not seen, and is taken to be where it was before and after: its track is valid
+    /// there.
+    pub held: Vec<Held>,
+}
+
+/// Frames at which a road user is held in its place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Held {
+    /// Index of its track.
+    pub track: usize,
+    /// The frames.
+    pub frames: Range<usize>,
 }
 
 /// How a scene's adversary was found.
@@ -103,6 +115,18 @@ impl Scene {
                 self.frames
             ),
         })
+    }
+
+    /// The scene with the frames that were observed alone, without those at which a road user is held.
+    pub fn as_observed(&self) -> Cow<'_, Self> {
+        if self.held.is_empty() {
+            return Cow::Borrowed(self);
+        }
+        let mut scene = self.clone();
+        for Held { track, frames } in std::mem::take(&mut scene.held) {
+            scene.tracks[track].valid[frames].fill(false);
+        }
+        Cow::Owned(scene)
     }
 
     /// Whether the recorded boxes of ego and adversary overlap *now* on one level, borders excluded.

@@ -143,7 +143,7 @@ fn the_drivable_rule_finds_crossings_between_frames() {
 }
 
 #[test]
-fn the_drivable_rule_ignores_bridges() {
+fn bridges_are_ignored() {
     let mut over = car("over", [60.0, 0.0], [0.0, 0.0]);
     over.position.iter_mut().for_each(|p| p[2] = 7.0);
     let mut scene = road(car("a", [20.0, 0.0], [10.0, 0.0]), vec![over]);
@@ -158,8 +158,14 @@ fn the_drivable_rule_ignores_bridges() {
     });
     scene.map = map.into();
     let s = score(&scene, |t| [20.0 + 10.0 * t, 4.0]);
-    assert_eq!((s.cross_line, s.crash_object), (Some(50.0), 0.0), "in the plane the rail is hit");
-    assert!(s.feasible_drivable, "{:?}", s.violations_drivable);
+    assert_eq!((s.cross_line, s.crash_object), (Some(0.0), 0.0));
+    assert!(s.feasible && s.feasible_drivable, "{:?}", s.violations_drivable);
+    // A road with one level ignores heights: there they may mean nothing.
+    let mut map = (*scene.map).clone();
+    map.points.iter_mut().for_each(|point| point[2] = 0.0);
+    scene.map = map.into();
+    let s = score(&scene, |t| [20.0 + 10.0 * t, 4.0]);
+    assert_eq!(s.cross_line, Some(50.0));
 }
 
 #[test]

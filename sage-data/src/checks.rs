@@ -204,6 +204,7 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         warn("no-road-edges", detail.to_owned());
     }
     let index = SceneIndex::new(scene.map.clone());
+    let contradictory = contradictions::find(scene);
     on_edges_now(scene, &index, &mut warn);
     if let Some((frame, feature)) = recording_off_road(scene, &index) {
         let edge = scene.map.features[feature as usize].id.escape_debug();
@@ -224,10 +225,12 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         let words = if flickering == 1 { "1 track has" } else { &format!("{flickering} tracks have") };
         warn("flickering-tracks", format!("{words} {FLICKER} gaps or more; a contact just after one is nobody's fault"));
     }
-    found.extend(headings::at_deciding_frames(scene));
+    // The same remedy is not said twice.
+    let are_all_wrong = contradictory.iter().any(|warning| warning.kind == "heading-against-positions");
+    found.extend(headings::at_deciding_frames(scene).filter(|_| !are_all_wrong));
     found.extend(headings::of_standing(scene));
     found.extend(uneven_times(scene));
-    found.extend(contradictions::find(scene));
+    found.extend(contradictory);
     found
 }
 

@@ -134,6 +134,7 @@ fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
         adversary: None,
         adversary_origin: AdversaryOrigin::None,
         notes: Vec::new(),
+        held: Vec::new(),
     };
     as_recorded(&mut scene);
     let index = SceneIndex::new(scene.map.clone());

@@ -247,7 +247,7 @@ impl Recording {
     pub fn to_pickle(&self) -> Result<Vec<u8>, Error> {
         Ok(match self.written(false)? {
             Some(document) => document.to_pickle(),
-            None => metadrive::fresh(&self.scene).to_pickle(),
+            None => metadrive::fresh(&self.scene.as_observed()).to_pickle(),
         })
     }
 
@@ -255,7 +255,7 @@ impl Recording {
     ///
     /// *Errors*: as [`Recording::to_pickle`].
     pub fn to_native(&self) -> Result<Vec<u8>, Error> {
-        native::encode(&self.scene, self.written(true)?.as_ref(), &self.path)
+        native::encode(&self.scene.as_observed(), self.written(true)?.as_ref(), &self.path)
     }
 
     /// The recording as a `Scenario` message of the Waymo Open Motion Dataset.
@@ -272,10 +272,11 @@ impl Recording {
         let own =
             self.path.file_stem().filter(|_| self.scene.id.is_empty()).map(|stem| stem.to_string_lossy());
         let stem = stem.or(own);
-        let encode = |document: &Document| womd::encode(&self.scene, document, stem.as_deref());
+        let scene = self.scene.as_observed();
+        let encode = |document: &Document| womd::encode(&scene, document, stem.as_deref());
         let encoded = match self.written(true)? {
             Some(document) => encode(&document),
-            None => encode(&metadrive::fresh(&self.scene)),
+            None => encode(&metadrive::fresh(&scene)),
         };
         if encoded.data.len() as u64 > womd::MAX_RECORD {
             return Err(Error::TooLarge { path: self.path.clone(), limit: womd::MAX_RECORD });
@@ -291,8 +292,9 @@ impl Recording {
     pub fn to_gpudrive(&self) -> Result<EncodedGpuDrive, Error> {
         let provenance = self.provenance()?;
         let attacker = provenance.as_deref().and_then(gpudrive::attacker);
-        let document = self.written(true)?.unwrap_or_else(|| metadrive::fresh(&self.scene));
-        gpudrive::encode(&self.scene, &document, attacker.as_deref(), &self.path)
+        let scene = self.scene.as_observed();
+        let document = self.written(true)?.unwrap_or_else(|| metadrive::fresh(&scene));
+        gpudrive::encode(&scene, &document, attacker.as_deref(), &self.path)
     }
 
     /// The source with the tracks of the scene; with `ten_hertz` also with its frames.

@@ -234,6 +234,8 @@ fn leave_out_copies(scene: &mut Scene, named: &mut Option<usize>) {
         let text = format!("track `{}` is a second recording of the ego; it is left out", track.id);
         scene.notes.push(Repair::EgoCopy.note(text));
         scene.ego -= usize::from(scene.ego > k);
+        scene.held.retain(|held| held.track != k);
+        scene.held.iter_mut().for_each(|held| held.track -= usize::from(held.track > k));
         *named = named.filter(|index| *index != k).map(|index| index - usize::from(index > k));
     }
 }

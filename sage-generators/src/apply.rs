@@ -1,7 +1,7 @@
 //! Writes an attack into its scene.
 
 use sage_core::{
-    motion::Trajectory,
+    motion::{NOW, Trajectory},
     scene::{Hitch, Scene},
 };
 
@@ -15,6 +15,12 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
     scene.attackable_horizon()?;
     let mut scene = scene.clone();
     let hitch = Hitch::of(&scene, adversary);
+    // What follows a plan is not held.
+    let is_changed = |track: usize| track == adversary || hitch.is_some_and(|hitch| hitch.trailer == track);
+    scene.held.iter_mut().filter(|held| is_changed(held.track)).for_each(|held| {
+        held.frames.end = held.frames.end.min(NOW + 1);
+        held.frames.start = held.frames.start.min(held.frames.end);
+    });
     scene.tracks[adversary] = scene.tracks[adversary].following(attack);
     if let Some(hitch) = hitch {
         scene.tracks[hitch.trailer] = hitch.towed(&scene.tracks[hitch.trailer], &scene.tracks[adversary]);
@@ -25,7 +31,7 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sage_core::motion::{HORIZON, NOW};
+    use sage_core::motion::HORIZON;
     use sage_data::procedural::{self, Kind};
 
     #[test]

@@ -5,7 +5,7 @@
 
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point, distance},
-    scene::{Map, MapKind},
+    scene::{EDGE_WIDTH, Map, MapKind},
 };
 
 use crate::{
@@ -19,8 +19,6 @@ const STRIPE: f64 = 1.5;
 const LINE_WIDTH: f64 = 0.075;
 /// Length of the pieces of an edge, metres.
 const EDGE_PIECE: f64 = 4.0;
-/// Width of an edge, metres.
-const EDGE_WIDTH: f64 = 0.2;
 /// Longest piece, metres: a long diagonal box would lie in many cells of the grid.
 const LONGEST: f64 = 20.0;
 /// Largest number of pieces besides one for each segment; above it, pieces become longer.

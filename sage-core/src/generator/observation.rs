@@ -1,6 +1,6 @@
 //! The observation of a scene: the eleven frames that end *now*.
 
-use std::sync::Arc;
+use std::{ops::RangeInclusive, sync::Arc};
 
 use crate::{
     Error,
@@ -38,14 +38,14 @@ impl Observation {
             });
         }
         let first = now + 1 - HISTORY;
-        let track = |track: &Track| Track {
+        let track = |(k, track): (usize, &Track)| Track {
             id: track.id.clone(),
             kind: track.kind.clone(),
             position: track.position[first..=now].to_vec(),
             heading: track.heading[first..=now].to_vec(),
             velocity: track.velocity[first..=now].to_vec(),
             size: track.size[first..=now].to_vec(),
-            valid: track.valid[first..=now].to_vec(),
+            valid: observed(scene, k, first..=now),
         };
         let light = |light: &TrafficLight| TrafficLight {
             lane: light.lane.clone(),
@@ -56,13 +56,14 @@ impl Observation {
             id: scene.id.clone(),
             frames: HISTORY,
             timestamps: scene.timestamps.get(first..=now).unwrap_or_default().to_vec(),
-            tracks: scene.tracks.iter().map(track).collect(),
+            tracks: scene.tracks.iter().enumerate().map(track).collect(),
             map: scene.map.clone(),
             lights: scene.lights.iter().map(light).collect(),
             ego: scene.ego,
             adversary: scene.adversary,
             adversary_origin: scene.adversary_origin,
             notes: Vec::new(),
+            held: Vec::new(),
         };
         Ok(Self { scene: Arc::new(scene), index: index.clone() })
     }
@@ -76,4 +77,11 @@ impl Observation {
     pub fn index(&self) -> &Arc<SceneIndex> {
         &self.index
     }
+}
+
+/// Whether a track was seen at some frames. That one which is hidden stands in its place is known only later.
+fn observed(scene: &Scene, track: usize, frames: RangeInclusive<usize>) -> Vec<bool> {
+    let is_held = |frame: &usize| scene.held.iter().any(|held| held.track == track && held.frames.contains(frame));
+    let valid = &scene.tracks[track].valid;
+    frames.map(|frame| valid[frame] && !is_held(&frame)).collect()
 }

@@ -4,9 +4,9 @@ use std::ops::RangeInclusive;
 
 use super::{Body, Convention, ground::Ground, others::CHUNK};
 use crate::{
-    geometry::{Aabb, OrientedBox, Point, dot},
+    geometry::{Aabb, OrientedBox, Point, dot, wrap_angle},
     motion::{
-        HORIZON, Pose, Trajectory, backward_velocity,
+        DT, HORIZON, Pose, Trajectory, backward_velocity,
         kinematics::{Profile, paper, release},
     },
     scene::is_one_level,
@@ -36,27 +36,35 @@ impl Candidate {
         horizon: usize,
         ground: Option<Ground>,
     ) -> Self {
-        let ([length, width], mirror) = (body.size, body.mirrored);
+        let mirror = body.mirrored;
         let points = &trajectory.points()[..horizon];
         let profile = match body.convention {
             Convention::Paper => paper::profile_from(points, &start, body.reverses),
             Convention::Release => release::profile(points),
         };
-        let boxes: Vec<OrientedBox> = points
-            .iter()
-            .zip(&profile.axis)
-            .map(|(&center, &axis)| OrientedBox {
-                center,
-                axis,
-                half_length: 0.5 * length,
-                half_width: 0.5 * width,
-            })
-            .collect();
+        let boxes = boxes(points, &profile.axis, body.size);
         let mirrored: Option<Vec<OrientedBox>> =
             mirror.then(|| boxes.iter().map(OrientedBox::mirrored).collect());
         let chunks = chunks(mirrored.as_ref().unwrap_or(&boxes));
         let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
         Self { trajectory, profile, start, convention: body.convention, nll: None, boxes, mirrored, bounds, chunks, ground }
+    }
+
+    /// The candidate with other headings, rad, of a recording in which the car drives backwards.
+    pub(super) fn with_headings(mut self, headings: &[f64], size: [f64; 2]) -> Self {
+        let headings = &headings[..self.horizon()];
+        let before = std::iter::once(&headings[0]).chain(headings);
+        let turns = headings.iter().zip(before).map(|(now, before)| wrap_angle(now - before));
+        let profile = &mut self.profile;
+        profile.yaw_rate = turns.clone().map(|turn| turn / DT).collect();
+        profile.total_turn = turns.sum();
+        profile.axis = release::axes(headings);
+        profile.heading = headings.iter().map(|heading| wrap_angle(*heading)).collect();
+        self.boxes = boxes(&self.trajectory.points()[..headings.len()], &self.profile.axis, size);
+        self.mirrored = self.mirrored.map(|_| self.boxes.iter().map(OrientedBox::mirrored).collect());
+        self.chunks = chunks(self.map_boxes());
+        self.bounds = self.chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
+        self
     }
 
     /// The candidate with its negative log-likelihood under the prior, nats, if the proposer computed it.
@@ -173,6 +181,17 @@ impl Candidate {
     pub(super) fn chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
         &self.chunks
     }
+}
+
+/// Boxes of a length and width along a path.
+fn boxes(points: &[Point], axes: &[Point], [length, width]: [f64; 2]) -> Vec<OrientedBox> {
+    let at = |(&center, &axis): (&Point, &Point)| OrientedBox {
+        center,
+        axis,
+        half_length: 0.5 * length,
+        half_width: 0.5 * width,
+    };
+    points.iter().zip(axes).map(at).collect()
 }
 
 /// Bounds of boxes over each group of [`CHUNK`] steps.

@@ -103,7 +103,16 @@ impl Context {
     /// Prepares a trajectory for scoring up to the horizon, as [`Body::candidate`].
     pub fn candidate(&self, trajectory: Trajectory) -> Candidate {
         let ground = self.ground_now.map(|height| Ground::from_now(&self.index, height));
-        self.body.candidate_on(trajectory, self.horizon, ground)
+        let candidate = self.body.candidate_on(trajectory, self.horizon, ground);
+        // A recording may drive backwards after a stop, which its positions alone do not say.
+        let headings = match candidate.half_turn() {
+            Some(_) => self.adversary().headings_if_repeated(candidate.trajectory()),
+            None => None,
+        };
+        match headings {
+            Some(headings) => candidate.with_headings(&headings, self.body.size),
+            None => candidate,
+        }
     }
 
     /// Whether ego and adversary overlap *now* on one level. Then no contact with the ego is measured.

@@ -91,6 +91,7 @@ mod tests {
             adversary: None,
             adversary_origin: AdversaryOrigin::None,
             notes: vec![],
+            held: vec![],
         }
     }
 

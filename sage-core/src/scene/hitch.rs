@@ -130,6 +130,7 @@ mod tests {
             adversary: Some(1),
             adversary_origin: AdversaryOrigin::File,
             notes: vec![],
+            held: vec![],
         }
     }
 

@@ -1,7 +1,13 @@
 //! Leaving the road: edges that something touches, apart from those that it touches at its start.
 
 use super::{LEVEL_GAP, Map, Scene, SceneIndex, Track, is_one_level};
-use crate::motion::{HORIZON, NOW};
+use crate::{
+    geometry::{OrientedBox, distance, sub},
+    motion::{HORIZON, NOW},
+};
+
+/// Width of an edge, metres.
+pub const EDGE_WIDTH: f64 = 0.2;
 
 /// The edges (map features) that are touched since the start. Recorded boxes overlap kerbs, so these do not count until they
 /// are left.
@@ -44,9 +50,11 @@ fn touched(track: &Track, frame: usize, index: &SceneIndex) -> Vec<u32> {
     let bounds = area.aabb();
     let is_level = |height: f64| is_one_level(height, track.ground(frame)) || !index.has_levels(LEVEL_GAP);
     let mut found: Vec<u32> = Vec::new();
-    for segment in edges.near(&bounds).flat_map(|run| &edges.segments()[run]) {
+    for segment in edges.near(&bounds.grown(EDGE_WIDTH)).flat_map(|run| &edges.segments()[run]) {
+        let [dx, dy] = sub(segment.b, segment.a);
+        let edge = OrientedBox::new(segment.at(0.5), dy.atan2(dx), distance(segment.a, segment.b), EDGE_WIDTH);
         if !found.contains(&segment.feature)
-            && area.intersects_segment(segment.a, segment.b)
+            && edge.intersects(&area)
             && is_level(segment.height(segment.nearest_share(area.center)))
         {
             found.push(segment.feature);

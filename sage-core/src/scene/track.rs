@@ -132,11 +132,13 @@ impl Track {
     }
 
     /// The recording up to *now*, then a trajectory as far as the recording reaches: position, heading by the
-    /// `paper` convention, velocity, the last size up to *now*. Later frames are not valid.
+    /// `paper` convention, or the recorded one if it repeats the recording, velocity, the last size up to *now*. Later frames are
+    /// not valid.
     pub fn following(&self, trajectory: &Trajectory) -> Self {
         let mut track = self.clone();
         let last = (0..=NOW).rev().find(|&frame| track.is_valid(frame)).unwrap_or(NOW);
         let start = Pose { position: track.point(last), heading: track.heading[last] };
+        let repeated = self.headings_if_repeated(trajectory);
         let axes = paper::profile_from(trajectory.points(), &start, self.reverses(last)).axis;
         let (height, size) = (track.position[last][2], track.size[last]);
         let mut before = start.position;
@@ -145,7 +147,10 @@ impl Track {
         let frames = NOW + 1..track.valid.len();
         for (frame, (&[x, y], axis)) in frames.zip(trajectory.points().iter().zip(&axes)) {
             track.position[frame] = [x, y, height];
-            track.heading[frame] = axis[1].atan2(axis[0]);
+            track.heading[frame] = match &repeated {
+                Some(headings) => headings[frame - NOW - 1],
+                None => axis[1].atan2(axis[0]),
+            };
             track.velocity[frame] = sub([x, y], before).map(|d| d / elapsed);
             track.size[frame] = size;
             track.valid[frame] = true;
@@ -154,6 +159,28 @@ impl Track {
         // The trajectory says nothing of later frames, and the recording there is of another drive.
         track.valid.iter_mut().skip(NOW + 1 + trajectory.points().len()).for_each(|valid| *valid = false);
         track
+    }
+
+    /// The recorded headings after *now*, if a trajectory repeats the recorded positions; where the recording has gaps, the last
+    /// heading before. A car may drive backwards there, which positions alone do not say.
+    pub fn headings_if_repeated(&self, trajectory: &Trajectory) -> Option<Vec<f64>> {
+        let points = trajectory.points();
+        let valid = || (NOW + 1..self.valid.len().min(NOW + 1 + points.len())).filter(|f| self.valid[*f]);
+        if valid().next().is_none() || valid().any(|f| self.point(f) != points[f - NOW - 1]) {
+            return None;
+        }
+        let before = (0..=NOW).rev().chain(valid()).find(|f| self.is_valid(*f))?;
+        let mut heading = self.heading[before];
+        Some(
+            (NOW + 1..NOW + 1 + points.len())
+                .map(|frame| {
+                    if self.is_valid(frame) {
+                        heading = self.heading[frame];
+                    }
+                    heading
+                })
+                .collect(),
+        )
     }
 
     /// Number of valid frames among `frames`, as far as they exist.

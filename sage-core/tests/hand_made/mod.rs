@@ -56,6 +56,7 @@ pub fn road(adversary: Track, others: Vec<Track>) -> Scene {
         adversary: Some(1),
         adversary_origin: AdversaryOrigin::User,
         notes: vec![],
+        held: Vec::new(),
     }
 }
 

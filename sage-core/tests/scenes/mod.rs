@@ -84,6 +84,7 @@ pub fn scene(seed: u64) -> Scene {
         adversary: Some(1),
         adversary_origin: AdversaryOrigin::User,
         notes: vec![],
+        held: Vec::new(),
     }
 }
 

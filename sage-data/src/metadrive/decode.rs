@@ -88,6 +88,7 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
         adversary,
         adversary_origin,
         notes,
+        held: Vec::new(),
     };
     repairs::finish(Draft { scene, named, sample_rate, now_index }, options, path)
 }

@@ -203,6 +203,7 @@ pub(crate) fn decode(bytes: &[u8], options: &ReadOptions, path: &Path) -> Result
         adversary: header.adversary,
         adversary_origin: header.adversary_origin,
         notes: header.notes,
+        held: Vec::new(),
     };
     finished(scene, options, path)
 }

@@ -3,7 +3,7 @@
 use sage_core::{
     geometry::distance,
     motion::DT,
-    scene::{Scene, Track},
+    scene::{Held, Scene, Track},
 };
 
 /// Largest distance between both ends of a gap, metres, and speed between them, m/s.
@@ -22,7 +22,8 @@ pub(super) fn hold(scene: &mut Scene) {
         if !gaps.is_empty() {
             let track = &mut scene.tracks[k];
             held.push(format!("`{}`", track.id.escape_debug()));
-            gaps.into_iter().for_each(|[last, next]| hold_between(track, last, next));
+            gaps.iter().for_each(|[last, next]| hold_between(track, *last, *next));
+            scene.held.extend(gaps.iter().map(|[last, next]| Held { track: k, frames: last + 1..*next }));
         }
     }
     let more = match held.len().saturating_sub(NAMED) {

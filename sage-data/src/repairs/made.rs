@@ -94,6 +94,7 @@ impl Made {
             adversary: Some(1),
             adversary_origin: AdversaryOrigin::File,
             notes: Vec::new(),
+            held: Vec::new(),
         };
         let mut made = Self { document: metadrive::fresh(&scene), scene };
         // 64-bit columns, so that laws can be tested tightly.

@@ -167,9 +167,9 @@ fn resampled_motion_is_the_motion() {
 fn a_frame_is_valid_if_both_neighbours_are() {
     // At 12.5 Hz frame 1 lies between the frames at 0.08 and 0.16 s.
     let valid = |missing: usize| {
-        let made = Made::lasting(9.6, 0.08, beside).with_value("person", "valid", missing, 0.0);
+        let made = Made::lasting(9.6, 0.08, beside).with_value("car", "valid", missing, 0.0);
         let scene = made.read().unwrap();
-        (0..6).filter(|frame| !scene.tracks[2].valid[*frame]).collect::<Vec<_>>()
+        (0..6).filter(|frame| !scene.tracks[1].valid[*frame]).collect::<Vec<_>>()
     };
     assert_eq!(valid(0), [0]);
     assert_eq!(valid(1), [1]);

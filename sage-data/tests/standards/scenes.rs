@@ -47,6 +47,7 @@ pub fn scene(id: &str, tracks: Vec<Track>, map: Map) -> Scene {
         adversary: None,
         adversary_origin: AdversaryOrigin::None,
         notes: Vec::new(),
+        held: Vec::new(),
     }
 }
 

@@ -66,6 +66,7 @@ pub fn scene(map: Map, tracks: Vec<Track>) -> Scene {
         ego: 0,
         adversary_origin: AdversaryOrigin::User,
         notes: vec![],
+        held: Vec::new(),
     }
 }
 

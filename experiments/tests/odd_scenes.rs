@@ -11,7 +11,6 @@ mod program;
 
 use std::{
     collections::BTreeMap,
-    path::Path,
     process::Output,
     time::{Duration, Instant},
 };
@@ -83,7 +82,8 @@ impl Batch {
         words.extend(["--out", text(&out)]);
         let writes_rows = !command.starts_with("convert");
         if writes_rows {
-            words.extend(WEIGHTS);
+            let needs_weights = !command.starts_with("simulate") || command.contains("--method");
+            words.extend(WEIGHTS.iter().filter(|_| needs_weights));
             words.push("--json");
         }
         if command.starts_with("generate") {
@@ -163,11 +163,9 @@ fn of(row: &Value, name: &str) -> bool {
 }
 
 fn check_attack(row: &Value, what: &dyn Fn() -> String) {
-    if row["left_out"].is_string() || row["trajectory"].is_null() {
-        return;
-    }
-    let horizon = row["horizon"].as_i64().unwrap();
     let scores = &row["scores"];
+    // A scene that is left out has a row without scores.
+    let Some(horizon) = scores["horizon"].as_i64() else { return };
     let step = scores["collision_step"].as_i64();
     assert!(step.is_none_or(|step| (1..=horizon).contains(&step)), "{}", what());
     assert_eq!(scores["collision"] == true, step.is_some(), "{}", what());
@@ -284,15 +282,10 @@ fn each_kind_is_named_by_inspect() {
         let row = rows(&sage(&words)).remove(0);
         let kinds: Vec<&str> = row["warnings"].as_array().unwrap().iter().filter_map(|w| w.as_str()).collect();
         assert!(kinds.iter().any(|kind| kind.starts_with(&format!("{expected}:"))), "{parameter}={value}: {kinds:?}");
-        let plain: Vec<&str> = vec![];
-        if parameter == "named" {
-            assert_ne!(row["adversary"], "person", "{plain:?}");
-        }
     }
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("plain.pkl");
     std::fs::write(&file, OddScene::plain().bytes()).unwrap();
     let row = rows(&sage(&["inspect", text(&file), "--json"])).remove(0);
     assert_eq!(row["warnings"], serde_json::json!([]), "the plain scene is not odd");
-    let _ = Path::new("");
 }

@@ -153,7 +153,6 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
         scene.notes.push(Repair::FrameRate.note(text.replace(".000", "")));
         frames = Some(resample::to_ten_hertz(&mut scene, times, *step));
     }
-    gaps::hold(&mut scene);
     if let Some(now) = options.now {
         let kept = window::around(&mut scene, now, path)?;
         frames = Some(match frames {
@@ -177,6 +176,7 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
         }
     }
     leave_out_copies(&mut scene, &mut named);
+    gaps::hold(&mut scene);
     let wrong = |field: &str, found: String, expected: String| Error::Field {
         path: path.to_owned(),
         field: field.to_owned(),
@@ -234,8 +234,6 @@ fn leave_out_copies(scene: &mut Scene, named: &mut Option<usize>) {
         let text = format!("track `{}` is a second recording of the ego; it is left out", track.id);
         scene.notes.push(Repair::EgoCopy.note(text));
         scene.ego -= usize::from(scene.ego > k);
-        scene.held.retain(|held| held.track != k);
-        scene.held.iter_mut().for_each(|held| held.track -= usize::from(held.track > k));
         *named = named.filter(|index| *index != k).map(|index| index - usize::from(index > k));
     }
 }

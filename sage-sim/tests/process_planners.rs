@@ -46,9 +46,8 @@ fn python(file: &str) -> Option<[String; 2]> {
 const LATE: [f64; 3] = [20.0, 20.0, 10.0];
 
 /// Ways to misbehave, with the times to answer where they are what is tested.
-const WAYS: [(&str, [f64; 3]); 35] = [
+const WAYS: [(&str, [f64; 3]); 34] = [
     ("exits at its start", LATE),
-    ("prints a banner", LATE),
     ("is silent at its start", [0.5, 20.0, 10.0]),
     ("speaks another version", LATE),
     ("leaves the version out", LATE),
@@ -102,6 +101,19 @@ fn misbehaving_planners_fail_their_drive_with_a_clear_message() {
         format!("{way}\n    {}\n", error.to_string().replace(&file, "misbehaving.py"))
     });
     insta::assert_snapshot!(messages.collect::<String>());
+}
+
+#[test]
+fn what_a_planner_prints_before_it_says_hello_goes_to_its_log() {
+    let Some([program, file]) = python("misbehaving.py") else { return };
+    let scene = road_ahead();
+    let folder = tempfile::tempdir().unwrap();
+    let policy = planner(&[&program, &file, "prints a banner"], LATE);
+    policy.write_logs_to(folder.path());
+    let (printed, plain) = (driven(&scene, &*policy).unwrap(), driven(&scene, &*planner(&[&program, &file], LATE)));
+    assert_eq!(printed.motions, plain.unwrap().motions);
+    let log = std::fs::read_to_string(folder.path().join("planner-1.log")).unwrap();
+    assert_eq!(log, "Welcome to my planner 1.0\n[1, 2]\n");
 }
 
 #[test]

@@ -39,8 +39,5 @@ pub(super) fn around(scene: &mut Scene, now: usize, path: &Path) -> Result<Range
         scene.timestamps = scene.timestamps[frames.clone()].to_vec();
     }
     scene.frames = frames.len();
-    let inside = |frame: usize| frame.clamp(frames.start, frames.end) - frames.start;
-    scene.held.iter_mut().for_each(|held| held.frames = inside(held.frames.start)..inside(held.frames.end));
-    scene.held.retain(|held| !held.frames.is_empty());
     Ok(frames)
 }

@@ -26,12 +26,14 @@ use crate::{Error, error::PlannerLog, world::Control};
 use lines::Greeting;
 use log::{LARGEST, Log};
 pub use program::kill_all as kill_programs;
-use program::{FAREWELL, Program};
+use program::{FAREWELL, Failure, Program};
 
 /// Longest time limit, s: a day.
 const LONGEST: f64 = 86_400.0;
 /// Largest radius of the map that is told, metres.
 const FARTHEST_MAP: f64 = 10_000.0;
+/// Most lines that a program may print before it says hello.
+const MOST_BANNER: usize = 1000;
 
 /// Options of [`Process`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -189,10 +191,31 @@ impl Shared {
             };
             format!("does not start: {error}{hint}")
         })?;
-        let greeting = asked(&mut program, &messages::hello(), self.limits[0], lines::greeting)
-            .map_err(|problem| format!("failed at its start: {problem}"))?;
+        let greeting =
+            greeted(&mut program, log, self.limits[0]).map_err(|problem| format!("failed at its start: {problem}"))?;
         Ok((program, greeting))
     }
+}
+
+/// What a program says of itself. Libraries print when they are loaded, before a planner can keep its output for answers: lines
+/// that are no JSON object go to the log until it says hello.
+fn greeted(program: &mut Program, log: &Log, limit: Duration) -> Result<Greeting, String> {
+    let start = Instant::now();
+    let mut line = program.ask(&messages::hello(), limit).map_err(|failure| failure.to_string())?;
+    for _ in 0..MOST_BANNER {
+        if lines::is_object(&line) {
+            break;
+        }
+        log.note(&line);
+        let left = limit.saturating_sub(start.elapsed());
+        line = program.ask(&[], left).map_err(|failure| match failure {
+            Failure::Late(_) => Failure::Late(limit).to_string(),
+            failure => failure.to_string(),
+        })?;
+    }
+    let greeting = lines::greeting(&line)?;
+    program.no_more().map_err(|failure| failure.to_string())?;
+    Ok(greeting)
 }
 
 /// What a program answers to a message within a time.

@@ -28,6 +28,7 @@ def start():
         sys.exit(3)
     if how == "prints a banner":
         say("Welcome to my planner 1.0")
+        say("[1, 2]")
     if how == "is silent at its start":
         forever()
 

@@ -15,6 +15,11 @@ pub(super) struct Greeting {
     pub(super) wants_observation: bool,
 }
 
+/// Whether a line is an object of JSON.
+pub(super) fn is_object(line: &[u8]) -> bool {
+    serde_json::from_slice::<Map<String, Value>>(line).is_ok()
+}
+
 /// The object of a line.
 fn object(line: &[u8], expected: &str) -> Result<Map<String, Value>, String> {
     let shown = shortened(line);

@@ -2,7 +2,7 @@
 
 use std::{
     fs::{File, OpenOptions},
-    io,
+    io::{self, Write as _},
     os::unix::fs::FileExt,
     path::{Path, PathBuf},
 };
@@ -47,6 +47,12 @@ impl Log {
     /// Its path, if it has one.
     pub(super) fn path(&self) -> Option<&Path> {
         self.path.as_deref()
+    }
+
+    /// Adds a line that the program wrote elsewhere.
+    pub(super) fn note(&self, line: &[u8]) {
+        // A log that cannot be written is no reason to end a drive.
+        let _ = (&self.file).write_all(line).and_then(|()| (&self.file).write_all(b"\n"));
     }
 
     /// Number of bytes so far.

@@ -270,7 +270,8 @@ impl Scenes {
                 let kept = keep(&data).map(|()| Entry { content, ..entry.clone() });
                 Ok((kept, said.collect()))
             };
-            let checked: Vec<Result<Checked>> = window.par_iter().with_max_len(1).map(|entry| caught(|| check(entry))).collect();
+            let checked: Vec<Result<Checked>> =
+                window.par_iter().with_max_len(1).map(|entry| caught(|| check(entry))).collect();
             for (entry, found) in window.iter().zip(checked) {
                 progress.step();
                 let (kept, said) = match found {

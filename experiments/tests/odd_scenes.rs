@@ -100,10 +100,16 @@ impl Batch {
         assert!(!said.contains("defect") && !said.contains("panicked"), "{}", what());
         // No scene is lost without a word.
         let lines = std::str::from_utf8(&output.stdout).unwrap().lines();
-        let rows: Vec<Value> = lines.filter(|_| writes_rows).map(|line| serde_json::from_str(line).unwrap()).collect();
+        let rows: Vec<Value> =
+            lines.filter(|_| writes_rows).map(|line| serde_json::from_str(line).unwrap()).collect();
         for (name, scene) in &self.scenes {
             let is_named = said.contains(&**name) || rows.iter().any(|row| of(row, name));
-            assert!(is_named || !writes_rows, "{name} ({}) has no row and no error: {}", scene.describe(), what());
+            assert!(
+                is_named || !writes_rows,
+                "{name} ({}) has no row and no error: {}",
+                scene.describe(),
+                what()
+            );
         }
         (output, rows)
     }
@@ -143,13 +149,18 @@ impl Batch {
             let scored = attack["scores"]["collision_step"].as_i64();
             let adversary = &drive["adversary"];
             let met = drive["contacts"].as_array().unwrap();
-            let first = met.iter().find(|contact| contact["with"] == *adversary).map(|contact| contact["step"].as_i64().unwrap());
+            let first = met
+                .iter()
+                .find(|contact| contact["with"] == *adversary)
+                .map(|contact| contact["step"].as_i64().unwrap());
             // A contact before the attack, or while both already touch, is none of the attack's.
             if met.iter().any(|contact| contact["step"].as_i64().unwrap() <= 0) {
                 continue;
             }
             match (scored, first) {
-                (Some(scored), Some(driven)) => assert!((scored - driven).abs() <= 1, "{scored} {driven} {}", what()),
+                (Some(scored), Some(driven)) => {
+                    assert!((scored - driven).abs() <= 1, "{scored} {driven} {}", what())
+                }
                 (None, Some(driven)) => panic!("driven into at {driven}, and scored as a miss: {}", what()),
                 (Some(scored), None) => panic!("scored as a hit at {scored}, and never met: {}", what()),
                 (None, None) => {}
@@ -174,7 +185,16 @@ fn check_attack(row: &Value, what: &dyn Fn() -> String) {
     assert!(steps.into_iter().all(|step| (1..=horizon).contains(&step)), "{}", what());
     let believable = scores["believable"].as_bool();
     assert!(believable != Some(true) || step.is_some() && scores["feasible"] == true, "{}", what());
-    assert!(row["trajectory"].as_array().unwrap().iter().flat_map(|p| p.as_array().unwrap()).all(Value::is_number), "{}", what());
+    assert!(
+        row["trajectory"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .flat_map(|p| p.as_array().unwrap())
+            .all(Value::is_number),
+        "{}",
+        what()
+    );
 }
 
 fn check_drive(row: &Value, what: &dyn Fn() -> String) {
@@ -280,8 +300,12 @@ fn each_kind_is_named_by_inspect() {
         words.extend(scene.rate().map(|rate| format!("--rate={rate}")));
         let words: Vec<&str> = words.iter().map(String::as_str).collect();
         let row = rows(&sage(&words)).remove(0);
-        let kinds: Vec<&str> = row["warnings"].as_array().unwrap().iter().filter_map(|w| w.as_str()).collect();
-        assert!(kinds.iter().any(|kind| kind.starts_with(&format!("{expected}:"))), "{parameter}={value}: {kinds:?}");
+        let kinds: Vec<&str> =
+            row["warnings"].as_array().unwrap().iter().filter_map(|w| w.as_str()).collect();
+        assert!(
+            kinds.iter().any(|kind| kind.starts_with(&format!("{expected}:"))),
+            "{parameter}={value}: {kinds:?}"
+        );
     }
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("plain.pkl");

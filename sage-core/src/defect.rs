@@ -87,14 +87,32 @@ mod tests {
     fn a_panic_is_an_error_that_says_where_and_results_stay() {
         let before = count();
         assert_eq!(caught(|| 7), Ok(7));
-        let defect = caught(|| if IS_CAUGHT.get() { panic!("index {}", 80) }).unwrap_err();
+        let defect = caught(|| {
+            if IS_CAUGHT.get() {
+                panic!("index {}", 80)
+            }
+        })
+        .unwrap_err();
         assert_eq!(defect.message, "index 80");
         assert!(defect.place.as_deref().is_some_and(|place| place.contains("defect.rs:")), "{defect:?}");
         assert!(defect.to_string().contains("please report it"), "{defect}");
         assert!(count() > before && !IS_CAUGHT.get());
-        assert_eq!(expected(|| if IS_CAUGHT.get() { panic!("damaged") }), None);
+        assert_eq!(
+            expected(|| if IS_CAUGHT.get() {
+                panic!("damaged")
+            }),
+            None
+        );
         // One inside another is told apart.
-        let inner = caught(|| caught(|| if IS_CAUGHT.get() { panic!("inner") }).is_err() && IS_CAUGHT.get());
+        let inner = caught(|| {
+            caught(|| {
+                if IS_CAUGHT.get() {
+                    panic!("inner")
+                }
+            })
+            .is_err()
+                && IS_CAUGHT.get()
+        });
         assert_eq!(inner, Ok(true));
     }
 }

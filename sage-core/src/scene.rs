@@ -211,7 +211,8 @@ impl Scene {
                 );
             }
             if adversary.is_none() {
-                (self.adversary, self.adversary_origin) = select_adversary(&self.tracks, self.ego, &Levels::of(&self.map));
+                (self.adversary, self.adversary_origin) =
+                    select_adversary(&self.tracks, self.ego, &Levels::of(&self.map));
             }
         }
         if let Some(id) = adversary {

@@ -223,7 +223,10 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     let flickering = scene.tracks.iter().filter(|track| gaps_of(track) >= FLICKER).count();
     if flickering > 0 {
         let words = if flickering == 1 { "1 track has" } else { &format!("{flickering} tracks have") };
-        warn("flickering-tracks", format!("{words} {FLICKER} gaps or more; a contact just after one is nobody's fault"));
+        warn(
+            "flickering-tracks",
+            format!("{words} {FLICKER} gaps or more; a contact just after one is nobody's fault"),
+        );
     }
     // The same remedy is not said twice.
     let are_all_wrong = contradictory.iter().any(|warning| warning.kind == "heading-against-positions");
@@ -311,7 +314,8 @@ fn of_trailers(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
     for (role, hitch) in cars.map(|(role, car)| (role, car.and_then(|car| Hitch::of(scene, car)))) {
         let Some(Hitch { car, trailer, .. }) = hitch else { continue };
         let [car, trailer] = [car, trailer].map(|k| scene.tracks[k].id.escape_debug());
-        let detail = format!("`{trailer}` moves with the {role} `{car}` as a trailer does: it is towed along");
+        let detail =
+            format!("`{trailer}` moves with the {role} `{car}` as a trailer does: it is towed along");
         warn("trailer", detail);
     }
 }

@@ -23,7 +23,9 @@ fn read_as(scene: &OddScene, options: &ReadOptions) -> Result<Recording, sage_da
 }
 
 fn read(scene: &OddScene) -> Scene {
-    read_as(scene, &ReadOptions::default()).unwrap_or_else(|error| panic!("{}: {error}", scene.describe())).scene
+    read_as(scene, &ReadOptions::default())
+        .unwrap_or_else(|error| panic!("{}: {error}", scene.describe()))
+        .scene
 }
 
 fn odd(parameter: &str, value: &str) -> Scene {
@@ -159,7 +161,10 @@ fn the_adversary_is_on_the_level_of_the_ego() {
     let mut flat = OddScene::plain().with("level", "same-pace").with("lanes", "none").with("edges", "none");
     flat.seed = 1;
     let deck = read(&flat);
-    assert_eq!(deck.tracks.iter().any(|track| track.id == "d"), SceneIndex::new(deck.map.clone()).has_levels(3.0));
+    assert_eq!(
+        deck.tracks.iter().any(|track| track.id == "d"),
+        SceneIndex::new(deck.map.clone()).has_levels(3.0)
+    );
 }
 
 #[test]
@@ -219,7 +224,10 @@ fn wrong_headings_are_named_at_the_frames_that_decide() {
         let scene = read(&OddScene::plain().with("heading", value)).with_roles(None, Some("b")).unwrap();
         let found = warnings(&scene);
         let detail = found.iter().find(|warning| warning.kind == "heading-against-motion").map(|w| &w.detail);
-        assert!(detail.is_some_and(|d| d.contains(words) && d.contains("--trust positions")), "{value}: {detail:?}");
+        assert!(
+            detail.is_some_and(|d| d.contains(words) && d.contains("--trust positions")),
+            "{value}: {detail:?}"
+        );
     }
     let trust = ReadOptions { trust_positions: true, ..ReadOptions::default() };
     let scene = read_as(&OddScene::plain().with("heading", "ego-now"), &trust).unwrap().scene;

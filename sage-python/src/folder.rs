@@ -140,7 +140,14 @@ pub(crate) fn load_folder(
     let shard = shard.map(|(number, of)| format!("{number}/{of}").parse::<Shard>());
     let shard = shard.transpose().map_err(|problem| OptionError::new_err(format!("shard: {problem}")))?;
     let reading = Reading {
-        options: ReadOptions { now, resample, rate: checked_rate(rate)?, trust_positions, strict, ego_track: None },
+        options: ReadOptions {
+            now,
+            resample,
+            rate: checked_rate(rate)?,
+            trust_positions,
+            strict,
+            ego_track: None,
+        },
         keep_source,
     };
     detached(py, || {

@@ -78,7 +78,9 @@ pub(crate) fn load(
 /// A number of frames per second.
 pub(crate) fn checked_rate(rate: Option<f64>) -> PyResult<Option<f64>> {
     match rate.filter(|rate| !(0.5..=1000.0).contains(rate)) {
-        Some(rate) => Err(OptionError::new_err(format!("rate is {rate}; expected frames per second, such as 20"))),
+        Some(rate) => {
+            Err(OptionError::new_err(format!("rate is {rate}; expected frames per second, such as 20")))
+        }
         None => Ok(rate),
     }
 }

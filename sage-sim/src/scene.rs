@@ -101,7 +101,8 @@ impl SimScene {
             Route::of_frames(ego, 0..=LAST_FRAME, false).length()
         };
         let ego_size = BodyShape::at_now(ego).size.unwrap_or([4.5, 1.9]);
-        let hitches = [Some(scene.ego), scene.adversary].map(|car| car.and_then(|car| Hitch::of(&scene, car)));
+        let hitches =
+            [Some(scene.ego), scene.adversary].map(|car| car.and_then(|car| Hitch::of(&scene, car)));
         let parked = scene.tracks.iter().map(Track::is_parked).collect();
         Ok(Arc::new(Self {
             route,

@@ -358,7 +358,8 @@ impl World {
     /// Moves the trailer of an adversary that does not repeat its recording.
     fn tow_of_adversary(&mut self) {
         let [_, Some(hitch)] = self.scene.hitches() else { return };
-        let has_plan = self.plan.as_ref().is_some_and(|plan| plan.track == hitch.car) && self.state.step > NOW;
+        let has_plan =
+            self.plan.as_ref().is_some_and(|plan| plan.track == hitch.car) && self.state.step > NOW;
         let car = self.bodies().iter().find(|body| body.track == hitch.car).map(|body| body.area);
         if let Some(car) = car.filter(|_| has_plan || self.state.driven.is_some()) {
             self.tow(&hitch, car);

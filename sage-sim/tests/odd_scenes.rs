@@ -84,7 +84,8 @@ fn a_car_on_a_bridge_is_no_contact_for_anybody() {
         let ctx = context(&scene);
         let candidate = ctx.candidate(recorded(&scene));
         let ego = ctx.ego();
-        let overlap = candidate.boxes().iter().zip(ego.boxes()).any(|(a, e)| a.intersects(e.as_ref().unwrap()));
+        let overlap =
+            candidate.boxes().iter().zip(ego.boxes()).any(|(a, e)| a.intersects(e.as_ref().unwrap()));
         assert!(overlap, "{value}: they meet in the plane");
         assert_eq!(Encounter::of(&candidate, ego).contact, None, "{value}");
         assert_eq!(contact_depth(&candidate, ego), 0.0, "{value}");
@@ -217,14 +218,21 @@ fn a_held_car_is_in_the_way_and_one_that_appears_is_nobodys_fault() {
     for ego in ["idm", "expert", "pdm"] {
         let seen = driven(&odd("gaps", "none", "b"), ego, None);
         for value in ["unseen-3s", "flickers"] {
-            assert_eq!(driven(&odd("gaps", value, "b"), ego, None).drive.motions, seen.drive.motions, "{ego} {value}");
+            assert_eq!(
+                driven(&odd("gaps", value, "b"), ego, None).drive.motions,
+                seen.drive.motions,
+                "{ego} {value}"
+            );
         }
     }
     // It appears in the ego's lane where the ego is.
     let scene = read(&OddScene::plain().with("gaps", "appears"));
     let episode = driven(&scene, "replay", None);
     let first = episode.contacts.first().unwrap();
-    assert_eq!((first.class, first.class.is_at_fault(), first.class.rule()), (FaultClass::Appeared, Some(false), 0));
+    assert_eq!(
+        (first.class, first.class.is_at_fault(), first.class.rule()),
+        (FaultClass::Appeared, Some(false), 0)
+    );
     // As the adversary it would be no attack.
     let scene = scene.with_roles(None, Some("b")).unwrap();
     let adversary = scene.tracks.iter().position(|track| track.id == "q").unwrap();
@@ -292,13 +300,17 @@ fn every_rule_and_verdict_keeps_within_the_recording() {
         let odd = OddScene::draw(&mut Rng::new(seed, "odd", "objectives"), 0.3);
         let options = ReadOptions { now: odd.now(), rate: odd.rate(), ..ReadOptions::default() };
         let path = format!("odd.{}", odd.ending());
-        let Ok(recording) = Recording::from_bytes_as(Path::new(&path), odd.bytes(), &options) else { continue };
+        let Ok(recording) = Recording::from_bytes_as(Path::new(&path), odd.bytes(), &options) else {
+            continue;
+        };
         let scene = recording.scene;
         if scene.attackable_horizon().is_err() || scene.adversary.is_none() {
             continue;
         }
         let index = SceneIndex::new(scene.map.clone());
-        let Ok(ctx) = Context::new(&Arc::new(scene.clone()), &index, &ContextOptions::default()) else { continue };
+        let Ok(ctx) = Context::new(&Arc::new(scene.clone()), &index, &ContextOptions::default()) else {
+            continue;
+        };
         let [x, y] = scene.adversary().unwrap().point(NOW);
         let meets = 1 + rng.below(scene.horizon());
         let aside = rng.uniform(-15.0, 15.0);
@@ -313,7 +325,11 @@ fn every_rule_and_verdict_keeps_within_the_recording() {
             for name in ["paper", "drivable"] {
                 let rule = feasibilities().unwrap().build_default(name).unwrap();
                 for violation in rule.violations(&candidate, &ctx) {
-                    assert!(candidate.steps().contains(&violation.step), "{name} {}: {violation:?}", odd.describe());
+                    assert!(
+                        candidate.steps().contains(&violation.step),
+                        "{name} {}: {violation:?}",
+                        odd.describe()
+                    );
                 }
             }
             let contact = Encounter::of(&candidate, ctx.ego()).contact;

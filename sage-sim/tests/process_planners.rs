@@ -110,7 +110,8 @@ fn what_a_planner_prints_before_it_says_hello_goes_to_its_log() {
     let folder = tempfile::tempdir().unwrap();
     let policy = planner(&[&program, &file, "prints a banner"], LATE);
     policy.write_logs_to(folder.path());
-    let (printed, plain) = (driven(&scene, &*policy).unwrap(), driven(&scene, &*planner(&[&program, &file], LATE)));
+    let (printed, plain) =
+        (driven(&scene, &*policy).unwrap(), driven(&scene, &*planner(&[&program, &file], LATE)));
     assert_eq!(printed.motions, plain.unwrap().motions);
     let log = std::fs::read_to_string(folder.path().join("planner-1.log")).unwrap();
     assert_eq!(log, "Welcome to my planner 1.0\n[1, 2]\n");

@@ -16,7 +16,7 @@ use sage_backbones::{
     weights::PRIOR_FILE,
 };
 use sage_bench::{table::Table, weights::NamedNetwork};
-use sage_core::objective::Objective;
+use sage_core::{objective::Objective, scene::SceneData};
 use sage_generators::DIAL_FILE;
 use sage_merging::{ExpertFile, ExpertSet};
 use serde_json::{Map, Value, json};
@@ -116,11 +116,13 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         train.len(),
         dev.len()
     );
-    let (plain, dev) = (
-        PreparedScene::all(prior, &train, false, &measures)?,
-        PreparedScene::all(prior, &dev, false, &measures)?,
-    );
-    let mirrored = if is_mirrored { PreparedScene::all(prior, &train, true, &measures)? } else { Vec::new() };
+    let all = |scenes: &[SceneData], mirrored: bool| {
+        PreparedScene::all(prior, scenes, mirrored, &measures, |data, defect| {
+            training.fail(&data.name, &defect.into());
+        })
+    };
+    let (plain, dev) = (all(&train, false)?, all(&dev, false)?);
+    let mirrored = if is_mirrored { all(&train, true)? } else { Vec::new() };
     drop(train);
     progress::say(&format!(
         "decoded and evaluated every goal of {} role assignments (a scene with an ego and an adversary) ({:.0} s)",

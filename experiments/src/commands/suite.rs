@@ -168,7 +168,8 @@ fn candidates(searches: &[Found], args: &SuiteArgs) -> Result<Vec<Candidate>> {
         of_scene().with_context(|| of_row(search, row))
     };
     // The first error in the order of the scenes, whichever thread meets one first.
-    let all: Vec<Result<Vec<Candidate>>> = places.par_iter().map(|place| caught(|| of_scene(place))).collect();
+    let all: Vec<Result<Vec<Candidate>>> =
+        places.par_iter().map(|place| caught(|| of_scene(place))).collect();
     Ok(all.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
 }
 

@@ -211,9 +211,7 @@ fn drive<'s>(
     let one = |test: &&'s SuiteTest| {
         let clock = Instant::now();
         let evaluated = match &unattacked {
-            Ok((ctx, driver)) => {
-                caught(|| Ok(suite::run(suite, driver, ctx, rule, &test.plan)?))
-            }
+            Ok((ctx, driver)) => caught(|| Ok(suite::run(suite, driver, ctx, rule, &test.plan)?)),
             Err(error) => Err(anyhow!("{error:#}")),
         };
         let seconds = before + clock.elapsed().as_secs_f64();

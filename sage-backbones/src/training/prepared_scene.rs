@@ -5,6 +5,7 @@ use std::sync::Arc;
 use candle_core::{DType, Device, Tensor};
 use rayon::prelude::*;
 use sage_core::{
+    defect::{self, Defect},
     motion::NOW,
     objective::{Context, ContextOptions},
     scene::SceneData,
@@ -76,7 +77,8 @@ impl PreparedScene {
         Ok(Some(Self { name, encoding, ends, table, reference }))
     }
 
-    /// Prepares all scenes for which [`PreparedScene::new`] gives one, in parallel; keeps their order.
+    /// Prepares all scenes for which [`PreparedScene::new`] gives one, in parallel; keeps their order. `broken` is told of scenes
+    /// that met a defect, which are left out.
     ///
     /// *Errors*: the first error of the network.
     pub fn all(
@@ -84,10 +86,17 @@ impl PreparedScene {
         scenes: &[SceneData],
         mirrored: bool,
         measures: &Measures,
+        mut broken: impl FnMut(&SceneData, Defect),
     ) -> Result<Vec<Self>, Error> {
-        let one = |data| Self::new(prior, data, mirrored, measures);
+        let one = |data| defect::caught(|| Self::new(prior, data, mirrored, measures));
         let prepared: Vec<_> = scenes.par_iter().with_max_len(1).map(one).collect();
-        prepared.into_iter().filter_map(Result::transpose).collect()
+        let told = |(prepared, data): (Result<_, Defect>, &SceneData)| {
+            prepared.unwrap_or_else(|defect| {
+                broken(data, defect);
+                Ok(None)
+            })
+        };
+        prepared.into_iter().zip(scenes).map(told).filter_map(Result::transpose).collect()
     }
 
     /// Encoding of the adversary's features.

@@ -81,7 +81,8 @@ impl Observation {
 
 /// Whether a track was seen at some frames. That one which is hidden stands in its place is known only later.
 fn observed(scene: &Scene, track: usize, frames: RangeInclusive<usize>) -> Vec<bool> {
-    let is_held = |frame: &usize| scene.held.iter().any(|held| held.track == track && held.frames.contains(frame));
+    let is_held =
+        |frame: &usize| scene.held.iter().any(|held| held.track == track && held.frames.contains(frame));
     let valid = &scene.tracks[track].valid;
     frames.map(|frame| valid[frame] && !is_held(&frame)).collect()
 }

@@ -1,10 +1,11 @@
-//! Time against the traffic, seconds: steps at which the adversary moves against the nearest lane and no lane
+//! Time against the traffic, seconds: steps at which the adversary moves or looks against the nearest lane and no lane
 //! leads its way.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Phase, Reward, Situation, naturalness::AgainstTrafficTest};
 use crate::{
+    geometry::dot,
     motion::{DT, HORIZON},
     registry::Entry,
 };
@@ -17,8 +18,13 @@ pub fn against_traffic(situation: &Situation, phase: Phase) -> f64 {
     let Situation { candidate, ctx, .. } = situation;
     let (points, profile) = (candidate.trajectory().points(), candidate.profile());
     let mut test = AgainstTrafficTest::new(ctx);
-    let is_against = |&k: &usize| test.holds(points[k - 1], profile.axis[k - 1], profile.speed[k - 1]);
-    phase.steps(&situation.encounter).filter(is_against).count() as f64 / STEPS_PER_SECOND
+    let mut is_against = |&k: &usize| {
+        let (p, axis, speed) = (points[k - 1], profile.axis[k - 1], profile.speed[k - 1]);
+        // One that drives backwards goes against the traffic either by where it moves or by where it looks.
+        let is_backwards = dot(candidate.velocity(k), axis) < 0.0;
+        test.holds(p, axis, speed) || is_backwards && test.holds(p, axis.map(|x| -x), speed)
+    };
+    phase.steps(&situation.encounter).filter(&mut is_against).count() as f64 / STEPS_PER_SECOND
 }
 
 /// Time against the traffic as a reward.

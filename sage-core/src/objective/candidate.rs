@@ -47,7 +47,18 @@ impl Candidate {
             mirror.then(|| boxes.iter().map(OrientedBox::mirrored).collect());
         let chunks = chunks(mirrored.as_ref().unwrap_or(&boxes));
         let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
-        Self { trajectory, profile, start, convention: body.convention, nll: None, boxes, mirrored, bounds, chunks, ground }
+        Self {
+            trajectory,
+            profile,
+            start,
+            convention: body.convention,
+            nll: None,
+            boxes,
+            mirrored,
+            bounds,
+            chunks,
+            ground,
+        }
     }
 
     /// The candidate with other headings, rad, of a recording in which the car drives backwards.
@@ -107,7 +118,9 @@ impl Candidate {
     /// no height: it follows the lanes of its level.
     pub(super) fn is_on_level(&self, step: usize, height: f64) -> bool {
         self.ground.as_ref().is_none_or(|ground| {
-            ground.at(step, || self.boxes.iter().map(|b| b.center)).is_none_or(|own| is_one_level(own, height))
+            ground
+                .at(step, || self.boxes.iter().map(|b| b.center))
+                .is_none_or(|own| is_one_level(own, height))
         })
     }
 

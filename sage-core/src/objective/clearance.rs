@@ -48,9 +48,10 @@ impl DifferentiableReward for Clearance {
         for (k, pose) in poses.iter().enumerate() {
             level = level.map(|before| ctx.index().follow_ground(pose.position, before, LEVEL_GAP));
             let (sin, cos) = pose.heading.sin_cos();
-            for missing in [self.missing_to_edges(pose, level, ctx), self.missing_to_others(pose, k + 1, level, ctx)]
-                .into_iter()
-                .flatten()
+            for missing in
+                [self.missing_to_edges(pose, level, ctx), self.missing_to_others(pose, k + 1, level, ctx)]
+                    .into_iter()
+                    .flatten()
             {
                 value += missing.metres;
                 let away = missing.away;

@@ -57,13 +57,12 @@ impl Context {
         let ContextOptions { convention, sizes, ego, mirrored_boxes } = options;
         let mirrored = mirrored_boxes.unwrap_or(*convention == Convention::Release);
         let (ego_size, size) = sizes.of(scene, adversary);
-        let egos =
-            ego::prepare(
-                ego.as_ref(),
-                scene,
-                index,
-                PathOptions { convention: *convention, size: ego_size },
-            )?;
+        let egos = ego::prepare(
+            ego.as_ref(),
+            scene,
+            index,
+            PathOptions { convention: *convention, size: ego_size },
+        )?;
         // What the adversary tows goes where it goes.
         let towed = Hitch::of(scene, adversary).filter(|_| *convention == Convention::Paper);
         let towed = towed.map(|hitch| hitch.trailer);

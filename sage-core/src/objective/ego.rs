@@ -100,8 +100,11 @@ impl EgoPath {
         self.boxes[step - 1].as_ref()
     }
 
-    /// Whether a candidate is on its level at a step.
+    /// Whether a candidate is on its level at a step. The published code has one level.
     pub fn is_on_level_of(&self, candidate: &Candidate, step: usize) -> bool {
+        if candidate.convention() == Convention::Release {
+            return true;
+        }
         let ground = self.ground.at(step, || self.positions.iter().copied());
         ground.is_none_or(|height| candidate.is_on_level(step, height))
     }

@@ -67,11 +67,7 @@ pub fn is_copy_of_ego(track: &Track, ego: &Track, levels: &Levels) -> bool {
 /// not be a copy of the ego or on another level all the time. If less than 1 s after *now* is recorded, both paths are
 /// extrapolated instead. Paths within 5 m of each other rank first, by the gap between the arrivals at the closest
 /// point, then by distance; ties are broken by id.
-pub fn select_adversary(
-    tracks: &[Track],
-    ego: usize,
-    levels: &Levels,
-) -> (Option<usize>, AdversaryOrigin) {
+pub fn select_adversary(tracks: &[Track], ego: usize, levels: &Levels) -> (Option<usize>, AdversaryOrigin) {
     let eligible = |track: &Track| {
         track.kind == TrackKind::Vehicle && track.count_valid(0..HISTORY) == HISTORY && moves(track)
     };

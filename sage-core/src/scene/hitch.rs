@@ -83,7 +83,8 @@ fn towed(car: &Track, trailer: &Track, levels: &Levels) -> Option<[f64; 2]> {
     let apart = distance(own.center, other.center);
     let [ahead, aside] = own.box_from_world(other.center);
     let gap = -ahead - own.half_length - other.half_length;
-    if !(-OVERLAP..=DRAWBAR).contains(&gap) || aside.abs() > ASIDE || dot(own.axis, other.axis) < ANGLE.cos() {
+    if !(-OVERLAP..=DRAWBAR).contains(&gap) || aside.abs() > ASIDE || dot(own.axis, other.axis) < ANGLE.cos()
+    {
         return None;
     }
     let both: Vec<usize> = (0..=NOW).filter(|f| car.is_valid(*f) && trailer.is_valid(*f)).collect();
@@ -91,9 +92,8 @@ fn towed(car: &Track, trailer: &Track, levels: &Levels) -> Option<[f64; 2]> {
     let elapsed = DT * (NOW - first) as f64;
     let least = MOVING[usize::from(!own.intersects(&other))];
     let moves = |track: &Track| distance(track.point(first), track.point(NOW)) >= least * elapsed;
-    let is_rigid = |frame: &usize| {
-        (distance(car.point(*frame), trailer.point(*frame)) - apart).abs() <= STRETCH
-    };
+    let is_rigid =
+        |frame: &usize| (distance(car.point(*frame), trailer.point(*frame)) - apart).abs() <= STRETCH;
     if !(moves(car) && moves(trailer) && both.iter().all(is_rigid)) {
         return None;
     }

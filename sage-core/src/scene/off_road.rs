@@ -52,7 +52,8 @@ fn touched(track: &Track, frame: usize, index: &SceneIndex) -> Vec<u32> {
     let mut found: Vec<u32> = Vec::new();
     for segment in edges.near(&bounds.grown(EDGE_WIDTH)).flat_map(|run| &edges.segments()[run]) {
         let [dx, dy] = sub(segment.b, segment.a);
-        let edge = OrientedBox::new(segment.at(0.5), dy.atan2(dx), distance(segment.a, segment.b), EDGE_WIDTH);
+        let edge =
+            OrientedBox::new(segment.at(0.5), dy.atan2(dx), distance(segment.a, segment.b), EDGE_WIDTH);
         if !found.contains(&segment.feature)
             && edge.intersects(&area)
             && is_level(segment.height(segment.nearest_share(area.center)))

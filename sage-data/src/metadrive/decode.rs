@@ -9,9 +9,7 @@ use std::{
 
 use sage_core::{
     motion::{HISTORY, MAX_COORDINATE},
-    scene::{
-        AdversaryOrigin, Boundary, FOCAL_NOTE, Lane, Map, MapFeature, MapKind, Neighbor, Scene,
-    },
+    scene::{AdversaryOrigin, Boundary, FOCAL_NOTE, Lane, Map, MapFeature, MapKind, Neighbor, Scene},
 };
 
 use super::{

@@ -45,9 +45,7 @@ pub(super) fn lights(
         let field = field.key(&name);
         match light(fields, *value, &field, &name, frames) {
             Ok(light) => lights.push(light),
-            Err(Error::Field { field: found_at, found, expected, .. })
-                if !strict && !fields.is_used_up() =>
-            {
+            Err(Error::Field { field: found_at, found, expected, .. }) if !strict && !fields.is_used_up() => {
                 let at = found_at.strip_prefix(&format!("{field}/")).unwrap_or(&found_at);
                 let text = format!("light `{name}` is left out: `{at}` is {found}; expected {expected}");
                 left_out.push(Repair::LightLeftOut.note(text));
@@ -78,8 +76,9 @@ fn light(
     let is_known = |frame: usize| states.get(frame).is_some_and(|state| *state != LightState::Unknown);
     let lane = match (fields.optional(value, "lane"), fields.optional(state, "lane")) {
         (Some(lane), _) => fields.identifier(lane, &field.key("lane"))?,
-        (None, Some(lanes)) => lane(fields, lanes, &of_state.key("lane"), frames, is_known)?
-            .unwrap_or_else(|| name.to_owned()),
+        (None, Some(lanes)) => {
+            lane(fields, lanes, &of_state.key("lane"), frames, is_known)?.unwrap_or_else(|| name.to_owned())
+        }
         (None, None) => name.to_owned(),
     };
     let stop_point = match (fields.optional(value, "stop_point"), fields.optional(state, "stop_point")) {
@@ -104,7 +103,8 @@ fn light(
 fn states(fields: &Fields, list: Id, field: &Field, frames: usize) -> Result<Vec<LightState>, Error> {
     let document = fields.document;
     let odd = |id: Id| fields.wrong(field, id, "names, or Waymo's numbers from 0 to 8");
-    let numbered = |x: f64| (x.fract() == 0.0 && x >= 0.0).then(|| NUMBERED.get(x as usize).copied()).flatten();
+    let numbered =
+        |x: f64| (x.fract() == 0.0 && x >= 0.0).then(|| NUMBERED.get(x as usize).copied()).flatten();
     if let Node::Array(_) = document.node(list) {
         let numbers = fields.column(list, field, frames)?;
         return numbers.into_iter().map(|x| numbered(x).ok_or_else(|| odd(list))).collect();
@@ -148,9 +148,8 @@ fn lane(
     }
     let Some(items) = fields.document.items(lanes) else { return fields.identifier(lanes, field).map(Some) };
     fields.check_length(field, items.len(), frames)?;
-    let is_absent = |id: &Id| {
-        matches!(fields.document.node(*id), Node::None) || fields.document.number(*id) == Some(0.0)
-    };
+    let is_absent =
+        |id: &Id| matches!(fields.document.node(*id), Node::None) || fields.document.number(*id) == Some(0.0);
     of_known_frame(items, is_absent, is_known).map(|id| fields.identifier(id, field)).transpose()
 }
 

@@ -59,7 +59,8 @@ impl Dtype {
     /// A type of texts, with its number of characters as digits.
     fn of_texts(letter: u8, digits: &[u8], big_endian: bool) -> Option<Self> {
         let (kind, unit) = if letter == b'U' { (ElementKind::Text, 4) } else { (ElementKind::Bytes, 1) };
-        let is_plain = digits.first().is_some_and(|first| *first != b'0') && digits.iter().all(u8::is_ascii_digit);
+        let is_plain =
+            digits.first().is_some_and(|first| *first != b'0') && digits.iter().all(u8::is_ascii_digit);
         let characters: u8 = std::str::from_utf8(digits).ok().filter(|_| is_plain)?.parse().ok()?;
         Some(Self { kind, size: characters.checked_mul(unit)?, big_endian })
     }

@@ -191,7 +191,10 @@ impl Machine {
                             || dtype.is_text() && self.is_state_of_texts(*dtype, *size, *alignment))
                         && self.is_int(*flags, 0);
                 if !is_plain {
-                    return Err(form("the state of a numpy type", "(3, order, None, None, None, size, alignment, 0)"));
+                    return Err(form(
+                        "the state of a numpy type",
+                        "(3, order, None, None, None, size, alignment, 0)",
+                    ));
                 }
                 let order = match self.node(*order) {
                     Node::Bytes(order) => Some(self.slice(*order)),

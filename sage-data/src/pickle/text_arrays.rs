@@ -61,7 +61,11 @@ impl Machine {
     /// *Errors*: it is of another length than its type says.
     pub(super) fn text_scalar(&mut self, dtype: Dtype, data: super::Span) -> Result<Node, Problem> {
         if data.len != u32::from(dtype.size) {
-            return Err(kind("the data of a numpy text", &Node::Bytes(data), "as many bytes as its type says"));
+            return Err(kind(
+                "the data of a numpy text",
+                &Node::Bytes(data),
+                "as many bytes as its type says",
+            ));
         }
         let bytes = self.slice(data).to_vec();
         self.text_element(dtype, &bytes)

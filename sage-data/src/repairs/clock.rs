@@ -122,7 +122,8 @@ impl Clock {
         }
         let contradicts = |period: &f64| (step / period - 1.0).abs() > CONTRADICTION;
         if let Some(rate) = options.rate.filter(|rate| contradicts(&(1.0 / rate))) {
-            let found = format!("{} Hz, but the file has times, a frame every {} s", rounded(rate), rounded(step));
+            let found =
+                format!("{} Hz, but the file has times, a frame every {} s", rounded(rate), rounded(step));
             let expected = "no --rate: it is for files without times".to_owned();
             return Err(wrong("--rate", found, expected));
         }

@@ -31,7 +31,8 @@ pub(super) fn hold(scene: &mut Scene) {
         more => format!(" and {more} more"),
     };
     if !held.is_empty() {
-        let words = if held.len() == 1 { "1 road user is" } else { &format!("{} road users are", held.len()) };
+        let words =
+            if held.len() == 1 { "1 road user is" } else { &format!("{} road users are", held.len()) };
         held.truncate(NAMED);
         let text = format!(
             "{words} held through gaps at whose ends they stand in the same place ({}{more})",

@@ -22,10 +22,23 @@ pub const PARAMETERS: &[Parameter] = &[
     ("times", &["seconds", "none", "constant", "one-step", "two-steps", "milliseconds", "epoch"]),
     ("format", &["pickle", "pickle-20hz", "json", "json-20hz", "pickle-single"]),
     ("edges", &["boundary", "none", "sidewalk", "guardrail", "median", "at-0-under-35", "4m-above", "open"]),
-    ("lanes", &["linked", "unlinked", "polygons", "none", "short-0", "short-0.05", "short-0.15", "short-0.5"]),
+    (
+        "lanes",
+        &["linked", "unlinked", "polygons", "none", "short-0", "short-0.05", "short-0.15", "short-0.5"],
+    ),
     (
         "lights",
-        &["none", "names", "numbers", "number-list", "texts", "inside-state", "odd", "odd-length", "none-states"],
+        &[
+            "none",
+            "names",
+            "numbers",
+            "number-list",
+            "texts",
+            "inside-state",
+            "odd",
+            "odd-length",
+            "none-states",
+        ],
     ),
     ("level", &["flat", "over-6m", "under-6m", "over-4m", "over-now", "same-pace", "slope"]),
     ("sizes", &["columns", "constants", "absent", "zero", "row", "no-height"]),
@@ -172,7 +185,8 @@ impl OddScene {
         };
         let tracks = motions.iter().zip(&ids).map(|(motion, id)| (key(id), self.track(motion, single)));
         let features = self.features();
-        let features = features.iter().map(|feature| (text(feature.id.clone()), self.feature(feature, single)));
+        let features =
+            features.iter().map(|feature| (text(feature.id.clone()), self.feature(feature, single)));
         let mut metadata = vec![
             ("sdc_id", text(ids[0].clone())),
             ("coordinate", text("waymo")),
@@ -207,9 +221,8 @@ impl OddScene {
     fn times(&self) -> Option<Vec<f64>> {
         let (n, step) = (self.frames(), self.step());
         let at = |start: f64, unit: f64| (0..n).map(|k| start + unit * step * k as f64).collect();
-        let coarse = |changes: usize| {
-            (0..n).map(|k| 1.5e9 + 128.0 * ((k * (changes + 1)) / n) as f64).collect()
-        };
+        let coarse =
+            |changes: usize| (0..n).map(|k| 1.5e9 + 128.0 * ((k * (changes + 1)) / n) as f64).collect();
         match self.value("times") {
             "none" => None,
             // Only clocks that say nothing of 10 Hz are read so.
@@ -270,8 +283,10 @@ impl OddScene {
             [x, y, *z]
         });
         let points = Value::Floats(single, points.collect(), 3);
-        let mut entries =
-            vec![("type", text(feature.kind)), (if feature.is_area { "polygon" } else { "polyline" }, points)];
+        let mut entries = vec![
+            ("type", text(feature.kind)),
+            (if feature.is_area { "polygon" } else { "polyline" }, points),
+        ];
         if feature.kind.starts_with("LANE") {
             let list = |ids: &[String]| Value::List(ids.iter().map(|id| text(id.clone())).collect());
             entries.extend([
@@ -290,7 +305,11 @@ impl OddScene {
         let (lane, stop) = (road::EGO_LANE, Value::Floats(false, vec![x, y, 0.0], 0));
         let names = |name: &str| Value::List(vec![text(name); n]);
         let beside = |states: Value| {
-            dict([("state", dict([("object_state", states)])), ("lane", text(lane)), ("stop_point", stop.clone())])
+            dict([
+                ("state", dict([("object_state", states)])),
+                ("lane", text(lane)),
+                ("stop_point", stop.clone()),
+            ])
         };
         let red = "LANE_STATE_STOP";
         let light = match self.value("lights") {
@@ -323,7 +342,8 @@ impl OddScene {
         let motions = self.motions();
         let object = |(number, motion): (usize, &Motion)| {
             let mut out = String::from("{");
-            let joined = |of: &dyn Fn(usize) -> String| (0..motion.poses.len()).map(of).collect::<Vec<_>>().join(",");
+            let joined =
+                |of: &dyn Fn(usize) -> String| (0..motion.poses.len()).map(of).collect::<Vec<_>>().join(",");
             let position = joined(&|k| {
                 let [x, y] = self.position_in_world(motion.poses[k].position);
                 format!(r#"{{"x":{x},"y":{y},"z":{}}}"#, motion.height)

@@ -97,7 +97,9 @@ fn lanes(scene: &OddScene, z: &dyn Fn(f64) -> f64, all: &mut Vec<Feature>) {
         return;
     }
     let short: Option<f64> = value.strip_prefix("short-").and_then(|length| length.parse().ok());
-    for (id, y, forward) in [(EGO_LANE, -1.75, true), ("12", -5.25, true), ("21", 1.75, false), ("22", 5.25, false)] {
+    for (id, y, forward) in
+        [(EGO_LANE, -1.75, true), ("12", -5.25, true), ("21", 1.75, false), ("22", 5.25, false)]
+    {
         let ends = if forward { [-150.0, 250.0] } else { [250.0, -150.0] };
         if value == "polygons" {
             let [low, high] = [y - 1.75, y + 1.75];
@@ -148,7 +150,8 @@ fn edges(scene: &OddScene, z: &dyn Fn(f64) -> f64, all: &mut Vec<Feature>) {
             let kind = "ROAD_EDGE_SIDEWALK";
             all.extend([area("walk-right", kind, -10.5, -7.5), area("walk-left", kind, 7.5, 10.5)]);
         }
-        "guardrail" => all.extend([area("rail-right", "GUARDRAIL", -7.9, -7.5), area("rail-left", "GUARDRAIL", 7.5, 7.9)]),
+        "guardrail" => all
+            .extend([area("rail-right", "GUARDRAIL", -7.9, -7.5), area("rail-left", "GUARDRAIL", 7.5, 7.9)]),
         "median" => {
             all.extend(both("ROAD_EDGE_BOUNDARY", z));
             all.push(line("median", "ROAD_EDGE_MEDIAN", &along(-150.0, 250.0, 0.0, z)));
@@ -170,7 +173,14 @@ pub fn motions(scene: &OddScene, frames: usize, step: f64, rng: &mut Rng) -> Vec
             let t = step * k as f64;
             Pose { position: [from[0] + t * velocity[0], from[1] + t * velocity[1]], heading, velocity }
         };
-        Motion { name, kind, size, height: z(from[0]) + 0.5 * size[2], poses: (0..frames).map(at).collect(), valid: vec![true; frames] }
+        Motion {
+            name,
+            kind,
+            size,
+            height: z(from[0]) + 0.5 * size[2],
+            poses: (0..frames).map(at).collect(),
+            valid: vec![true; frames],
+        }
     };
     let pi = std::f64::consts::PI;
     let mut ego = straight("ego", "VEHICLE", car, [0.0, -1.75], [10.0, 0.0], 0.0);
@@ -191,7 +201,8 @@ pub fn motions(scene: &OddScene, frames: usize, step: f64, rng: &mut Rng) -> Vec
     match scene.value("level") {
         "over-6m" | "under-6m" | "over-4m" => {
             let height = [("over-6m", 6.0), ("under-6m", -6.0), ("over-4m", 4.0)];
-            let height = height.iter().find(|(name, _)| *name == scene.value("level")).map_or(0.0, |(_, h)| *h);
+            let height =
+                height.iter().find(|(name, _)| *name == scene.value("level")).map_or(0.0, |(_, h)| *h);
             let over = straight("c", "VEHICLE", car, [61.75, -62.0], [0.0, 10.0], 0.5 * pi);
             all.push(Motion { height: height + 0.8, ..over });
         }

@@ -166,7 +166,8 @@ impl DriverUnderTest for RepeatedEgo<'_> {
                 let [x, y] = area.axis;
                 Pose { position: area.center, heading: y.atan2(x) }
             }));
-            if other.is_some_and(|area| area.overlap_depth(own) > 0.0) && ego.is_on_level_of(&candidate, step) {
+            if other.is_some_and(|area| area.overlap_depth(own) > 0.0) && ego.is_on_level_of(&candidate, step)
+            {
                 return Ok(DrivenEgo { poses, hits_adversary: true });
             }
         }

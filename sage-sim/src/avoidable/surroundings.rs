@@ -161,9 +161,9 @@ impl Surroundings {
     }
 
     fn is_level(&self, step: usize, p: Point, segment: &sage_core::geometry::Segment) -> bool {
-        self.ground.as_ref().is_none_or(|ground| {
-            is_one_level(segment.height(segment.nearest_share(p)), ground[step])
-        })
+        self.ground
+            .as_ref()
+            .is_none_or(|ground| is_one_level(segment.height(segment.nearest_share(p)), ground[step]))
     }
 
     /// Whether a straight full brake after the last step stays free for two seconds, if all others keep their

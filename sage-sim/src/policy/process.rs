@@ -191,8 +191,8 @@ impl Shared {
             };
             format!("does not start: {error}{hint}")
         })?;
-        let greeting =
-            greeted(&mut program, log, self.limits[0]).map_err(|problem| format!("failed at its start: {problem}"))?;
+        let greeting = greeted(&mut program, log, self.limits[0])
+            .map_err(|problem| format!("failed at its start: {problem}"))?;
         Ok((program, greeting))
     }
 }

@@ -191,7 +191,9 @@ fn one(args: &ConvertArgs, folder: &Path, job: Job, known: &HashMap<String, Vec<
             let known = known.get(&name).map_or(&[][..], |files| files);
             let path = item.path().display().to_string();
             let result = caught(|| converted(args, folder, item, &name, known));
-            let named = |error: anyhow::Error| if error.is::<Defect>() { error.context(format!("`{path}`")) } else { error };
+            let named = |error: anyhow::Error| {
+                if error.is::<Defect>() { error.context(format!("`{path}`")) } else { error }
+            };
             Done { result: result.map_err(named), name }
         }
         Job::Refused(path, error) => Done { name: path.to_string_lossy().into_owned(), result: Err(error) },

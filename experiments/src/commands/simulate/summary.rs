@@ -26,7 +26,8 @@ impl Tally {
         self.contacts += usize::from(!row.contacts.is_empty());
         self.at_fault +=
             usize::from(row.contacts.first().is_some_and(|contact| contact.at_fault == Some(true)));
-        self.off_road[0] += usize::from(row.off_road_measured && row.off_road.is_some() && !row.off_road_as_recorded);
+        self.off_road[0] +=
+            usize::from(row.off_road_measured && row.off_road.is_some() && !row.off_road_as_recorded);
         self.off_road[1] += usize::from(row.off_road_measured);
         self.attacks += usize::from(is_attack);
         let avoidable =

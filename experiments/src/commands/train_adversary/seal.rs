@@ -190,7 +190,8 @@ fn collect(scenes: &Scenes, train: &[SceneData], candidates: &BuiltGenerator, se
         }
         collected
     };
-    let all: Vec<Result<Collected>> = train.par_iter().with_max_len(1).map(|data| caught(|| one(data))).collect();
+    let all: Vec<Result<Collected>> =
+        train.par_iter().with_max_len(1).map(|data| caught(|| one(data))).collect();
     let mut sum = Collected::default();
     for (collected, data) in all.into_iter().zip(train) {
         match collected {

@@ -59,14 +59,20 @@ impl EgoPolicy for Fragile {
         if self.step == 0 {
             self.check(start.scene_id());
         }
-        Ok(Box::new(self.clone()))
+        Ok(Box::new(FragileDriver { part: self.clone(), scene: start.scene_id().to_owned() }))
     }
 }
 
-impl Driver for Fragile {
+#[derive(Clone)]
+struct FragileDriver {
+    part: Fragile,
+    scene: String,
+}
+
+impl Driver for FragileDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        if view.step() >= self.step {
-            self.check(&view.scene().scene().id);
+        if view.step() >= self.part.step {
+            self.part.check(&self.scene);
         }
         Ok(Control::Drive(Action::default()))
     }

@@ -180,7 +180,7 @@ impl OddScene {
         let motions = self.motions();
         let ids: Vec<String> = motions.iter().map(|motion| self.id(motion.name)).collect();
         let key = |id: &String| match id.parse::<i64>() {
-            Ok(number) if self.seed % 2 == 0 => Value::Int(number),
+            Ok(number) if self.seed.is_multiple_of(2) => Value::Int(number),
             _ => text(id.clone()),
         };
         let tracks = motions.iter().zip(&ids).map(|(motion, id)| (key(id), self.track(motion, single)));

@@ -8,8 +8,8 @@ pub enum Value {
     Int(i64),
     Float(f64),
     Text(String),
-    List(Vec<Value>),
-    Dict(Vec<(Value, Value)>),
+    List(Vec<Self>),
+    Dict(Vec<(Self, Self)>),
     /// `f4` if the flag is set, else `f8`; rows of a width, or a column for 0.
     Floats(bool, Vec<f64>, usize),
     Bools(Vec<bool>),

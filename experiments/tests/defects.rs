@@ -42,11 +42,11 @@ fn done(program: &Path, folder: &Path, words: &[&str]) -> (PathBuf, String) {
     (out, said)
 }
 
-/// Names of the files of a folder that name a scene.
+/// Number of files of a scene in a folder.
 fn files_of(out: &Path, scene: &str) -> usize {
     let names =
         std::fs::read_dir(out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
-    names.filter(|name| name.contains(scene)).count()
+    names.filter(|name| name.starts_with(scene)).count()
 }
 
 #[test]
@@ -111,7 +111,9 @@ fn shards_studies_and_trainings_go_on_too() {
             "--learner",
             "ppo",
             "--steps",
-            "3000",
+            "4096",
+            "--evaluations",
+            "1",
             "--eval",
             text(&scenes),
             "--allow-overlap",

@@ -123,6 +123,18 @@ impl Batch {
             .collect()
     }
 
+    /// Explains some of the scenes, which takes one at a time.
+    fn explain(&self) {
+        for (name, scene) in self.scenes.iter().take(2) {
+            let file = self.folder.path().join("in").join(format!("{name}.{}", scene.ending()));
+            let options: Vec<&str> = self.options.iter().map(String::as_str).collect();
+            let output = sage(&[&["explain", text(&file), "--json"], &options[..], &WEIGHTS].concat());
+            let said = stderr(&output);
+            assert!(matches!(output.status.code(), Some(0 | 1 | BAD_SCENES)), "{}: {said}", scene.describe());
+            assert!(!said.contains("defect") && !said.contains("panicked"), "{}: {said}", scene.describe());
+        }
+    }
+
     /// Checks what holds for the rows of a command.
     fn check(&self, command: &str, rows: &[Value]) {
         for row in rows {
@@ -224,6 +236,7 @@ fn through_all_commands(scenes: &[OddScene]) {
                 _ => {}
             }
         }
+        batch.explain();
         // What was written is read, in every format.
         for number in (0..COMMANDS.len()).filter(|k| COMMANDS[*k].starts_with("convert --to native")) {
             let written = batch.folder.path().join(format!("out{number}"));

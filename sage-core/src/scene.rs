@@ -1,6 +1,7 @@
 //! A recorded traffic scene: plain data, validated once by the reader.
 
 mod adversary;
+mod held;
 mod hitch;
 mod index;
 mod levels;
@@ -14,6 +15,7 @@ mod track;
 mod tracks;
 
 pub use adversary::{is_copy_of_ego, path_conflict, select_adversary};
+pub use held::Held;
 pub use hitch::Hitch;
 pub use index::{SceneIndex, Sided};
 pub use levels::{LEVEL_GAP, Levels, is_one_level};
@@ -25,7 +27,7 @@ pub use sidewalks::Sidewalks;
 pub use track::{Track, TrackKind};
 pub use tracks::Tracks;
 
-use std::{borrow::Cow, ops::Range, sync::Arc};
+use std::{borrow::Cow, sync::Arc};
 
 use crate::{
     Error,
@@ -61,15 +63,6 @@ pub struct Scene {
     /// Frames at which a standing road user was not seen, and is taken to be where it was before and after: its track is valid
     /// there.
     pub held: Vec<Held>,
-}
-
-/// Frames at which a road user is held in its place.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Held {
-    /// Index of its track.
-    pub track: usize,
-    /// The frames.
-    pub frames: Range<usize>,
 }
 
 /// How a scene's adversary was found.
@@ -123,8 +116,8 @@ impl Scene {
             return Cow::Borrowed(self);
         }
         let mut scene = self.clone();
-        for Held { track, frames } in std::mem::take(&mut scene.held) {
-            scene.tracks[track].valid[frames].fill(false);
+        for held in std::mem::take(&mut scene.held) {
+            held.release(&mut scene.tracks[held.track]);
         }
         Cow::Owned(scene)
     }

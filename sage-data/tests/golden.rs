@@ -84,9 +84,9 @@ fn published_and_independent_values_are_reproduced() {
     let mut scenes = HashMap::new();
     for entry in &golden.entries {
         let path = data.join(&entry.split).join(format!("{}.pkl", entry.scene));
-        scenes
-            .entry(entry.scene)
-            .or_insert_with(|| Arc::new(sage_data::Recording::read(&path).unwrap().scene));
+        scenes.entry(entry.scene).or_insert_with(|| {
+            Arc::new(sage_data::Recording::read(&path).unwrap().scene.as_observed().into_owned())
+        });
     }
     for entry in &golden.entries {
         let what = |field: &str| format!("scene {} {}: {field}", entry.scene, entry.kind);
@@ -139,7 +139,9 @@ fn published_and_independent_values_are_reproduced() {
         let step = |step: Option<usize>| step.unwrap_or(0);
         let violations = Violations::of(&candidate, &ctx);
         assert_eq!(found.collision, Some(expected.collision), "{}", what("paper collision"));
-        assert_eq!(found.feasible, expected.feasible, "{}", what("paper feasible"));
+        // Beyond the paper, no plan turns by more than 90° in a frame, as some noisy ones do.
+        let is_feasible = expected.feasible && candidate.half_turn().is_none();
+        assert_eq!(found.feasible, is_feasible, "{}", what("paper feasible"));
         for (field, found, expected) in [
             ("collision_step", step(found.collision_step), expected.collision_step),
             ("boundary", step(violations.boundary.map(|c| c.step)), expected.cross_boundary_step),

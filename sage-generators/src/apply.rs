@@ -18,8 +18,7 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
     // What follows a plan is not held.
     let is_changed = |track: usize| track == adversary || hitch.is_some_and(|hitch| hitch.trailer == track);
     scene.held.iter_mut().filter(|held| is_changed(held.track)).for_each(|held| {
-        held.frames.end = held.frames.end.min(NOW + 1);
-        held.frames.start = held.frames.start.min(held.frames.end);
+        held.end_before(NOW + 1);
     });
     scene.tracks[adversary] = scene.tracks[adversary].following(attack);
     if let Some(hitch) = hitch {

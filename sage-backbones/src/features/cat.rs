@@ -42,6 +42,7 @@ const ROW_POINTS: usize = 12;
 ///
 /// *Errors*: [`Error::Core`] if the target is not valid *now*.
 pub fn features(scene: &Scene, target: usize) -> Result<Features, Error> {
+    let scene = &*scene.as_observed();
     let (ours, _) = super::target_frame(scene, target)?;
     let frame = Frame::new(ours.origin(), ours.heading() - std::f64::consts::FRAC_PI_2);
     let track = &scene.tracks[target];

@@ -93,7 +93,8 @@ fn followers(map: &Map, exits: &[usize], written: &HashMap<usize, usize>) -> Vec
         if let Some(lane) = written.get(&feature) {
             found.push((*lane, is_direct));
         } else if passed.insert(feature) && passed.len() <= MOST_PASSED {
-            let exits = map.features[feature].lane.as_deref().map_or(&[][..], |lane| &lane.exits);
+            let lane = map.features.get(feature).and_then(|feature| feature.lane.as_deref());
+            let exits = lane.map_or(&[][..], |lane| &lane.exits);
             next.extend(exits.iter().rev().map(|exit| (*exit, false)));
         }
     }

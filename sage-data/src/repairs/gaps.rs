@@ -1,4 +1,4 @@
-//! Gaps of road users that stand: they are hidden for a while, and still there.
+//! Gaps of road users that stand: they are hidden for a while, and still there, unless somebody else is recorded in their place.
 
 use sage_core::{
     geometry::distance,
@@ -9,6 +9,8 @@ use sage_core::{
 /// Largest distance between both ends of a gap, metres, and speed between them, m/s.
 const SAME_PLACE: f64 = 0.5;
 const STANDING: f64 = 0.5;
+/// Overlap of recorded boxes that says nothing, metres: labels of neighbours overlap.
+const TOUCHING: f64 = 0.2;
 /// How the note begins.
 pub(crate) const NOTE: &str = "held-in-gap: ";
 /// Names of road users in the note.
@@ -18,12 +20,13 @@ const NAMED: usize = 5;
 pub(super) fn hold(scene: &mut Scene) {
     let mut held: Vec<String> = Vec::new();
     for k in (0..scene.tracks.len()).filter(|k| *k != scene.ego) {
-        let gaps = standing_gaps(&scene.tracks[k]);
+        let mut gaps = standing_gaps(&scene.tracks[k]);
+        gaps.retain(|gap| is_place_free(scene, k, *gap));
         if !gaps.is_empty() {
             let track = &mut scene.tracks[k];
             held.push(format!("`{}`", track.id.escape_debug()));
-            gaps.iter().for_each(|[last, next]| hold_between(track, *last, *next));
-            scene.held.extend(gaps.iter().map(|[last, next]| Held { track: k, frames: last + 1..*next }));
+            let held = gaps.into_iter().map(|[last, next]| Held::between(k, track, last, next));
+            scene.held.extend(held);
         }
     }
     let more = match held.len().saturating_sub(NAMED) {
@@ -38,7 +41,11 @@ pub(super) fn hold(scene: &mut Scene) {
             "{words} held through gaps at whose ends they stand in the same place ({}{more})",
             held.join(", ")
         );
-        scene.notes.push(format!("{NOTE}{text}"));
+        let note = format!("{NOTE}{text}");
+        // A native file has it already.
+        if !scene.notes.contains(&note) {
+            scene.notes.push(note);
+        }
     }
 }
 
@@ -53,12 +60,18 @@ fn standing_gaps(track: &Track) -> Vec<[usize; 2]> {
     pairs.filter(|[last, next]| next - last > 1 && is_standing(*last, *next)).collect()
 }
 
-fn hold_between(track: &mut Track, last: usize, next: usize) {
-    for frame in last + 1..next {
-        track.position[frame] = track.position[last];
-        track.heading[frame] = track.heading[last];
-        track.velocity[frame] = [0.0; 2];
-        track.size[frame] = track.size[last];
-        track.valid[frame] = true;
-    }
+/// Whether nobody else is recorded in the place of a road user during a gap: else it was not there, or has another id.
+fn is_place_free(scene: &Scene, k: usize, [last, next]: [usize; 2]) -> bool {
+    let area = scene.tracks[k].oriented_box(last);
+    let is_in_place = |other: &Track| {
+        (last + 1..next).filter(|frame| other.valid[*frame]).any(|frame| {
+            let reach =
+                area.half_length + 0.5 * other.size[frame][0].max(other.size[frame][1]) + area.half_width;
+            distance(area.center, other.point(frame)) <= reach
+                && area.overlap_depth(&other.oriented_box(frame)) > TOUCHING
+        })
+    };
+    let is_held = |other: usize| scene.held.iter().any(|held| held.track == other);
+    let mut others = scene.tracks.iter().enumerate().filter(|(other, _)| *other != k && !is_held(*other));
+    !others.any(|(_, other)| is_in_place(other))
 }

@@ -59,7 +59,7 @@ fn a_scene_that_meets_a_defect_costs_no_other() {
         &["generate", text(&scenes), "--method", FRAGILE, "--format", "rows", "--no-pages"][..],
         &["simulate", text(&scenes), "--ego", FRAGILE],
         &["simulate", text(&scenes), "--ego", late, "--method", "rule"],
-        &["simulate", text(&scenes), "--ego", "idm", "--method", FRAGILE, "--quiet"],
+        &["simulate", text(&scenes), "--ego", "idm", "--method", FRAGILE],
         &["search", text(&scenes), "--ego", FRAGILE, "--method", "rule", "--budget", "4"],
     ] {
         let (out, said) = done(&program, folder.path(), words);

@@ -10,7 +10,7 @@ use sage_sim::rl::{
 use serde_json::json;
 
 use super::{Shared, report, trained::Trained};
-use crate::output::Run;
+use crate::{output::Run, progress};
 
 /// Name of a seed's folder.
 pub(super) fn folder(seed: u64) -> String {
@@ -78,6 +78,12 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         updates: state.learner().updates(),
     };
     write_policies(shared, run, &trained)?;
+    if let Some(first) = trained.counters.skipped_because.first() {
+        let skipped = trained.counters.skipped;
+        progress::say(&format!(
+            "warning: seed {seed}: {skipped} episodes could not start (`skipped_because` in run.json); one of them: {first}"
+        ));
+    }
     Ok(trained)
 }
 

@@ -33,7 +33,7 @@ fn scenes(folder: &Path) -> PathBuf {
 
 /// The folder of results of a command, which must have met a defect in one scene and done the others.
 fn done(program: &Path, folder: &Path, words: &[&str]) -> (PathBuf, String) {
-    let out = folder.join(format!("out-{}-{}", words[0], words.len()));
+    let out = tempfile::Builder::new().prefix("out-").tempdir_in(folder).unwrap().keep().join("out");
     let output = run(program, &[words, &["--out", text(&out)]].concat());
     let said = stderr(&output).to_owned();
     assert_eq!(output.status.code(), Some(DEFECT), "{words:?}: {said}");

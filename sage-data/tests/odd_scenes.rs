@@ -154,11 +154,11 @@ fn the_adversary_is_on_the_level_of_the_ego() {
         let named = scene.with_roles(None, Some("c")).unwrap();
         assert!(!named.is_in_contact_now(), "{value}");
     }
-    let scene = odd("level", "same-pace");
+    let scene = odd("level", "same-speed");
     assert!(scene.tracks.iter().any(|track| track.id == "d"), "a car above is no copy of the ego");
     assert!(!kinds(&scene).contains(&"ego-copy"));
     // On a map with one level heights may mean nothing: then it is a copy.
-    let mut flat = OddScene::plain().with("level", "same-pace").with("lanes", "none").with("edges", "none");
+    let mut flat = OddScene::plain().with("level", "same-speed").with("lanes", "none").with("edges", "none");
     flat.seed = 1;
     let deck = read(&flat);
     assert_eq!(

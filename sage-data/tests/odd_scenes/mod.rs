@@ -40,7 +40,7 @@ pub const PARAMETERS: &[Parameter] = &[
             "none-states",
         ],
     ),
-    ("level", &["flat", "over-6m", "under-6m", "over-4m", "over-now", "same-pace", "slope"]),
+    ("level", &["flat", "over-6m", "under-6m", "over-4m", "over-now", "same-speed", "slope"]),
     ("sizes", &["columns", "constants", "absent", "zero", "row", "no-height"]),
     ("ids", &["texts", "integers", "long", "unicode", "slashes"]),
     ("named", &["none", "vehicle", "pedestrian", "cyclist", "cone", "absent"]),

@@ -84,7 +84,7 @@ pub fn features(scene: &OddScene) -> Vec<Feature> {
             all.push(line(id, "LANE_SURFACE_STREET", &points));
         }
     }
-    if scene.value("level") == "same-pace" {
+    if scene.value("level") == "same-speed" {
         all.push(line("deck", "LANE_SURFACE_STREET", &along(-150.0, 250.0, -1.75, |_| 6.0)));
     }
     all
@@ -210,7 +210,7 @@ pub fn motions(scene: &OddScene, frames: usize, step: f64, rng: &mut Rng) -> Vec
             let over = straight("c", "VEHICLE", car, [11.0, -11.75], [0.0, 10.0], 0.5 * pi);
             all.push(Motion { height: 6.8, ..over });
         }
-        "same-pace" => {
+        "same-speed" => {
             let over = straight("d", "VEHICLE", car, [0.2, -1.75], [10.0, 0.0], 0.0);
             all.push(Motion { height: 6.8, ..over });
         }

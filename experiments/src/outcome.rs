@@ -8,7 +8,12 @@ use std::{
 };
 
 use anyhow::Result;
-use sage_core::{defect, files::LockError};
+use sage_core::{
+    defect::{self, Defect},
+    files::LockError,
+};
+
+use crate::progress;
 
 /// Result of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,6 +61,17 @@ impl From<Outcome> for ExitCode {
 /// *Errors*: those of `work`; a [`defect::Defect`].
 pub(crate) fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     defect::caught(work)?
+}
+
+/// The results without those of scenes that met a defect, which are named.
+///
+/// *Errors*: the first other error, in the order of the scenes.
+pub(crate) fn without_defects<T>(all: Vec<Result<T>>) -> Result<Vec<T>> {
+    let is_defect = |result: &Result<T>| {
+        let error = result.as_ref().err().filter(|error| error.is::<Defect>());
+        error.inspect(|error| progress::say(&format!("error: {error:#}"))).is_some()
+    };
+    all.into_iter().filter(|result| !is_defect(result)).collect()
 }
 
 /// The exit code of a command that an error ended.
@@ -128,7 +144,7 @@ fn is_of_the_system(error: &io::Error) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use anyhow::Context as _;
+    use anyhow::{Context as _, anyhow};
 
     use super::*;
 
@@ -150,5 +166,13 @@ mod tests {
         assert!(of(io::Error::new(ErrorKind::ReadOnlyFilesystem, "wrapped")));
         let held = LockError::Held { path: "a".into(), holder: "process 1".to_owned() };
         assert!(may_succeed_later(&held.into()));
+    }
+
+    #[test]
+    fn a_defect_costs_one_result_and_another_error_ends_all() {
+        let one = |number: usize| caught(|| Ok([1, 2][number])).with_context(|| format!("scene {number}"));
+        let kept = without_defects(vec![one(0), one(5), one(1)]).unwrap();
+        assert_eq!(kept, [1, 2]);
+        assert!(without_defects(vec![one(0), one(5), Err(anyhow!("damaged"))]).is_err());
     }
 }

@@ -120,4 +120,10 @@ fn shards_studies_and_trainings_go_on_too() {
         ],
     );
     assert!(out.join("run.json").exists());
+    // A teacher that panics while it drives ends its episodes.
+    let words = ["train-ego", text(&scenes), "--learner", "ppo", "--method", "rule", "--teacher"];
+    let more = ["--steps", "4096", "--evaluations", "1", "--eval", text(&scenes), "--allow-overlap"];
+    let late = r#"fragile{"scene": "merge-1-2", "step": 3}"#;
+    let (out, _) = done(&program, folder.path(), &[&words[..], &[late], &more].concat());
+    assert!(out.join("run.json").exists());
 }

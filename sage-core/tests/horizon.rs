@@ -5,14 +5,14 @@
 mod hand_made;
 
 use approx::assert_relative_eq;
-use hand_made::{candidate, car, context, road};
+use hand_made::{candidate, car, context, road, with_feature};
 use sage_core::{
     Error,
     motion::{HORIZON, LEAST_HORIZON, NOW},
     objective::{
         Context, ContextOptions, EgoPaths, Naturalness, Scorer, Scores, behavior_penalty, kinematic_penalty,
     },
-    scene::{Scene, SceneIndex},
+    scene::{MapKind, Scene, SceneIndex},
 };
 
 /// The scene with its first frames, or with more frames in which all stand where they are.
@@ -115,6 +115,20 @@ fn violations_after_the_recording_do_not_count() {
         }
     }
     assert!(!scores(&scene(), at).feasible);
+}
+
+#[test]
+fn a_sidewalk_may_be_left_after_the_recording_ends() {
+    let outline = [[-100.0, -8.0], [300.0, -8.0], [300.0, -11.0], [-100.0, -11.0], [-100.0, -8.0]];
+    let kind = MapKind::from_name("ROAD_EDGE_SIDEWALK");
+    let mut scene = road(car("a", [20.0, -9.0], [5.0, 0.0]), vec![]);
+    scene.map = Default::default();
+    let scene = with_feature(&scene, "walk", kind, &outline);
+    for frames in [21, 30, 91] {
+        assert!(
+            scores(&with_frames(&scene, frames), |t| [20.0 + 5.0 * t, -9.0]).violations_drivable.is_empty()
+        );
+    }
 }
 
 #[test]

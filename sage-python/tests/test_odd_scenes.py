@@ -42,7 +42,7 @@ class Odd(InFolder):
 
     def test_stress_and_search_go_on(self):
         for planner in ("idm", Coasting()):
-            result = sage.stress(planner, self.folder, sage.Generator("rule"))
+            result = sage.stress(planner, self.folder, sage.Generator(method="rule"))
             self.check(result.errors)
             self.assertEqual(len(result) + len(result.errors), COUNT)
         found = sage.search(self.folder, "idm", budget=3)

@@ -13,6 +13,7 @@ mod control;
 mod moving;
 mod nearby;
 mod options;
+mod towing;
 
 use std::sync::Arc;
 
@@ -20,9 +21,8 @@ pub use control::Control;
 pub use options::WorldOptions;
 use sage_core::{
     Error as CoreError,
-    geometry::{OrientedBox, sub, wrap_angle},
-    motion::{DT, NOW},
-    scene::{EdgesSinceStart, Hitch, is_one_level},
+    geometry::OrientedBox,
+    scene::{EdgesSinceStart, is_one_level},
 };
 
 use crate::{
@@ -341,9 +341,7 @@ impl World {
             self.tow_of_adversary();
             self.move_ego(control);
         }
-        if let [Some(hitch), _] = self.scene.hitches() {
-            self.tow(&hitch, self.area());
-        }
+        self.tow_of_ego();
         let adversary = self.state.driven.as_ref().map(|driven| driven.motion);
         let motions = [Some(self.state.physical), adversary];
         if motions.iter().flatten().any(|motion| !motion.is_finite()) {
@@ -353,33 +351,6 @@ impl World {
         self.state.level = self.scene.follow_level(self.state.physical.position, self.state.level);
         self.touch_lines();
         Ok(())
-    }
-
-    /// Moves the trailer of an adversary that does not repeat its recording.
-    fn tow_of_adversary(&mut self) {
-        let [_, Some(hitch)] = self.scene.hitches() else { return };
-        let has_plan =
-            self.plan.as_ref().is_some_and(|plan| plan.track == hitch.car) && self.state.step > NOW;
-        let car = self.bodies().iter().find(|body| body.track == hitch.car).map(|body| body.area);
-        if let Some(car) = car.filter(|_| has_plan || self.state.driven.is_some()) {
-            self.tow(&hitch, car);
-        }
-    }
-
-    /// Moves a trailer behind a car that has moved.
-    fn tow(&mut self, hitch: &Hitch, car: OrientedBox) {
-        let find = |bodies: &[Body]| bodies.iter().find(|body| body.track == hitch.trailer).copied();
-        let (Some(now), Some(before)) = (find(self.bodies()), find(self.bodies_before())) else { return };
-        let (center, heading) = hitch.follow(&car, before.area.center);
-        let [length, width] = [2.0 * now.area.half_length, 2.0 * now.area.half_width];
-        self.state.traffic.set_body(Body {
-            area: OrientedBox::new(center, heading, length, width),
-            heading,
-            velocity: sub(center, before.area.center).map(|d| d / DT),
-            yaw_rate: wrap_angle(heading - before.heading) / DT,
-            ground: self.scene.follow_level(center, before.ground),
-            ..now
-        });
     }
 
     fn advance_traffic(&mut self) {

@@ -93,6 +93,10 @@ fn a_car_on_a_bridge_is_no_contact_for_anybody() {
         let path = EgoPaths::one("ego", ego.positions().to_vec(), None).unwrap();
         let given = ctx.with_ego(&path).unwrap();
         assert_eq!(Encounter::of(&candidate, given.ego()).contact, None, "{value}");
+        let beside = odd("level", value, "a");
+        let met = context(&beside).with_ego(&path).unwrap();
+        let attack = met.candidate(towards_ego(&beside, 40));
+        assert!(Encounter::of(&attack, met.ego()).contact.is_some(), "{value}: they are on one level");
         // The road above has neither edges nor traffic of the road below.
         assert_eq!(rules(&candidate, &ctx, "paper"), rules(&candidate, &ctx, "drivable"), "{value}");
         assert!(!rules(&candidate, &ctx, "paper").contains(&"road_edge".to_owned()), "{value}");
@@ -165,6 +169,12 @@ fn a_car_that_reverses_keeps_its_heading() {
         assert_eq!(candidate.half_turn(), None, "{value}");
         let followed = scene.adversary().unwrap().following(&log);
         assert!(followed.heading.iter().all(|heading| turn(*heading) < 1e-6), "{value}");
+        // So does a plan that is not quite the recording.
+        let near = plan(|step| log.points()[step - 1].map(|x| x + 1e-3));
+        let candidate = ctx.candidate(near.clone());
+        assert!(candidate.profile().heading.iter().all(|heading| turn(*heading) < 0.01), "{value}");
+        let followed = scene.adversary().unwrap().following(&near);
+        assert!(followed.heading.iter().all(|heading| turn(*heading) < 0.01), "{value}");
         // When it goes on forwards it does not turn either.
         let [x, y] = scene.adversary().unwrap().point(NOW);
         let (sin, cos) = now.sin_cos();
@@ -269,7 +279,10 @@ fn a_trailer_is_towed_along_and_is_in_nobodys_way() {
 
 #[test]
 fn the_egos_trailer_follows_it_and_is_no_contact() {
-    let scene = odd("trailer", "of-the-ego", "b");
+    let mut scene = odd("trailer", "of-the-ego", "b");
+    // Recorded boxes of a car and its trailer may overlap.
+    let trailer = scene.tracks.iter_mut().find(|track| track.id == "t").unwrap();
+    trailer.size.iter_mut().for_each(|size| size[0] += 0.5);
     for ego in ["idm", "expert", "pdm", "r157"] {
         let episode = driven(&scene, ego, None);
         assert!(episode.contacts.iter().all(|c| scene.tracks[c.contact.other.track].id != "t"), "{ego}");

@@ -23,6 +23,7 @@ use crate::{
         self, ListedScene,
         road::{self, RoadLine},
     },
+    outcome::{caught, without_defects},
     output::Folder,
     progress,
 };
@@ -84,15 +85,14 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
     folder.inner(SCENES.as_ref())?;
     let rows = || searches.iter().flat_map(|search| search.rows.iter().map(move |row| (search, row)));
     let named = page_names(rows().filter(|(_, row)| row.failures() > 0));
-    // The first error in the order of the searches, whichever thread meets one first.
     let found: Vec<Result<OfScene>> = named
         .par_iter()
         .map(|(search, row, name)| {
             let context = || format!("`{}`, scene `{}`", search.folder.display(), row.scene());
-            of_scene(search, row, name, args.keep, &folder).with_context(context)
+            caught(|| of_scene(search, row, name, args.keep, &folder)).with_context(context)
         })
         .collect();
-    let found = found.into_iter().collect::<Result<Vec<_>>>()?;
+    let found = without_defects(found)?;
     let data = Data {
         title: format!("Failures of {}", drivers(rows().map(|(_, row)| row.ego())).join(", ")),
         subtitle: format!(

@@ -19,7 +19,7 @@ use crate::{
     Outcome,
     attacked_files::{Attack, AttackedFiles, Formats},
     cli::{Keep, SearchFormat, SuiteArgs},
-    outcome::caught,
+    outcome::{caught, without_defects},
     output::{self, Folder},
     progress,
 };
@@ -165,12 +165,10 @@ fn candidates(searches: &[Found], args: &SuiteArgs) -> Result<Vec<Candidate>> {
             };
             keep.numbers(row).into_iter().map(candidate).collect()
         };
-        of_scene().with_context(|| of_row(search, row))
+        caught(of_scene).with_context(|| of_row(search, row))
     };
-    // The first error in the order of the scenes, whichever thread meets one first.
-    let all: Vec<Result<Vec<Candidate>>> =
-        places.par_iter().map(|place| caught(|| of_scene(place))).collect();
-    Ok(all.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
+    let all: Vec<Result<Vec<Candidate>>> = places.par_iter().map(of_scene).collect();
+    Ok(without_defects(all)?.into_iter().flatten().collect())
 }
 
 impl Maker<'_> {

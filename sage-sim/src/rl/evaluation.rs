@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use sage_core::{generator::OperatingPoint, geometry::norm, motion::DT};
+use sage_core::{defect, generator::OperatingPoint, geometry::norm, motion::DT};
 use serde::{Deserialize, Serialize};
 
 use super::{Attacker, standing::Standing};
@@ -185,10 +185,15 @@ pub fn drive_scene(
     rules: &Arc<EnvironmentOptions>,
     seed: u64,
 ) -> (EpisodeRow, Option<Drive>) {
-    match drive_episode(policy, scene, None, rules, seed) {
+    match caught(scene, || drive_episode(policy, scene, None, rules, seed)) {
         Ok((row, drive)) => (EpisodeRow { scene: number, ..row }, Some(drive)),
         Err(error) => (EpisodeRow::failure(number, scene, &error), None),
     }
+}
+
+/// The result of work on a scene; a panic within is an error of that scene.
+fn caught<T>(scene: &SimScene, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    defect::caught(work).unwrap_or_else(|defect| Err(scene.error(defect.to_string())))
 }
 
 /// Drives one scene against an attack at λ = 1 that is planned against the drive in the unchanged scene. What cannot be
@@ -204,8 +209,11 @@ pub fn attack_episode(
 ) -> EpisodeRow {
     // A drive that is too short to be attacked: the recording is attacked instead.
     let drive = unchanged.filter(|drive| drive.motions.len() > SHORTEST_DRIVE);
-    let plan = attacker.plan(scene, drive, &OperatingPoint::at(1.0, 1.0), seed);
-    match plan.and_then(|plan| drive_episode(policy, scene, Some(plan), rules, seed)) {
+    let attacked = || {
+        let plan = attacker.plan(scene, drive, &OperatingPoint::at(1.0, 1.0), seed)?;
+        drive_episode(policy, scene, Some(plan), rules, seed)
+    };
+    match caught(scene, attacked) {
         Ok((row, _)) => EpisodeRow { scene: number, ..row },
         Err(error) => EpisodeRow::failure(number, scene, &error),
     }

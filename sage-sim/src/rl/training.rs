@@ -11,7 +11,10 @@ mod attacking;
 
 use std::{io, path::Path, sync::Arc};
 
-use sage_core::{defect, seed::Rng};
+use sage_core::{
+    defect::{self, Defect},
+    seed::Rng,
+};
 
 use super::{
     ActorPolicy, Attacker, Curriculum, DrivenStep, Evaluation, Progress, SceneSampler, TrainingOptions,
@@ -192,18 +195,21 @@ impl<'a> Training<'a> {
                 Err(error @ Error::Core(sage_core::Error::NotFinite { .. })) => {
                     return Err(self.broken(scene, &error.to_string()));
                 }
-                Err(error) => {
-                    self.state.records[scene].count(episode, None);
-                    let counters = &mut self.state.counters;
-                    counters.skipped += 1;
-                    if counters.skipped_because.len() < 10 {
-                        counters.skipped_because.push(error.to_string());
-                    }
-                }
+                Err(error) => self.skip(scene, episode, &error),
             }
         }
         let last = self.state.counters.skipped_because.last().cloned().unwrap_or_default();
         Err(Stop::Scenes(format!("{MOST_FAILURES} episodes in a row could not start; one of them: {last}")))
+    }
+
+    /// Counts an episode that could not start, or met a defect.
+    fn skip(&mut self, scene: usize, episode: u64, reason: &Error) {
+        self.state.records[scene].count(episode, None);
+        let counters = &mut self.state.counters;
+        counters.skipped += 1;
+        if counters.skipped_because.len() < 10 {
+            counters.skipped_because.push(reason.to_string());
+        }
     }
 
     /// The scene of an episode.
@@ -295,10 +301,13 @@ impl<'a> Training<'a> {
         if self.teacher().is_none() {
             slot.dismiss_teacher();
         }
-        let outcome =
-            slot.step(action).map_err(|error| self.broken(slot.record.scene, &error.to_string()))?;
-        slot.observe(self.observe);
+        let observe = self.observe;
+        let stepped = defect::caught(|| slot.step(action).inspect(|_| slot.observe(observe)));
         self.state.counters.steps += 1;
+        let outcome = match stepped {
+            Ok(outcome) => outcome.map_err(|error| self.broken(slot.record.scene, &error.to_string()))?,
+            Err(defect) => return self.give_up(k, slot, action, &defect).map(|()| true),
+        };
         if let Some(column) = slot.observation.iter().position(|x| !x.is_finite()) {
             return Err(self.not_a_number(slot, &format!("number {column} of the observation")));
         }
@@ -325,6 +334,30 @@ impl<'a> Training<'a> {
         };
         self.state.learner.learn(&step).map_err(Stop::Broken)?;
         Ok(is_over)
+    }
+
+    /// Ends an episode that met a defect. The learner sees it cut off where it was, and its drive is dropped.
+    fn give_up(
+        &mut self,
+        k: usize,
+        slot: &mut RunningEpisode,
+        action: [f32; 2],
+        defect: &Defect,
+    ) -> Result<(), Stop> {
+        let scene = slot.record.scene;
+        self.skip(scene, slot.record.number, &self.setting.scenes[scene].error(defect.to_string()));
+        slot.motions.clear();
+        let step = DrivenStep {
+            slot: k,
+            steps: self.state.counters.steps,
+            action,
+            taught: None,
+            reward: 0.0,
+            next: &slot.observation,
+            is_terminal: false,
+            is_over: true,
+        };
+        self.state.learner.learn(&step).map_err(Stop::Broken)
     }
 
     /// Counts success or failure of an episode for curriculum and sampler.

@@ -44,7 +44,7 @@ pub struct Counters {
     pub without_drive: u64,
     /// Failures against attacks that are not shown avoidable.
     pub unavoidable: u64,
-    /// Episodes that could not start or be attacked; the first messages.
+    /// Episodes that could not start or be attacked, or met a defect.
     pub skipped: u64,
     /// Messages of the first of them.
     pub skipped_because: Vec<String>,

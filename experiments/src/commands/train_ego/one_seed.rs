@@ -81,7 +81,7 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
     if let Some(first) = trained.counters.skipped_because.first() {
         let skipped = trained.counters.skipped;
         progress::say(&format!(
-            "warning: seed {seed}: {skipped} episodes could not start (`skipped_because` in run.json); one of them: {first}"
+            "warning: seed {seed}: {skipped} episodes could not start or go on (`skipped_because` in run.json); one of them: {first}"
         ));
     }
     Ok(trained)

@@ -14,7 +14,7 @@ use sage_sim::{
 };
 use serde::Serialize;
 
-use crate::scenes::Scenes;
+use crate::{outcome::caught, scenes::Scenes};
 
 /// What was measured against the driver of the training, and against the ego's recording.
 #[derive(Default, Serialize)]
@@ -55,7 +55,7 @@ pub(super) fn measure(
     seed: u64,
 ) -> Measured {
     let against = |driver: &dyn EgoPolicy, name: &str| {
-        let one = |data: &SceneData| in_scene(data, weights, driver, seed);
+        let one = |data: &SceneData| caught(|| in_scene(data, weights, driver, seed));
         let all: Vec<Result<Option<InScene>>> = dev.par_iter().with_max_len(1).map(one).collect();
         let mut scenes = Vec::new();
         for (found, data) in all.into_iter().zip(dev) {

@@ -172,9 +172,9 @@ fn a_car_that_reverses_keeps_its_heading() {
         // So does a plan that is not quite the recording.
         let near = plan(|step| log.points()[step - 1].map(|x| x + 1e-3));
         let candidate = ctx.candidate(near.clone());
-        assert!(candidate.profile().heading.iter().all(|heading| turn(*heading) < 0.01), "{value}");
+        assert!(candidate.profile().heading.iter().all(|heading| turn(*heading) < 0.03), "{value}");
         let followed = scene.adversary().unwrap().following(&near);
-        assert!(followed.heading.iter().all(|heading| turn(*heading) < 0.01), "{value}");
+        assert!(followed.heading.iter().all(|heading| turn(*heading) < 0.03), "{value}");
         // When it goes on forwards it does not turn either.
         let [x, y] = scene.adversary().unwrap().point(NOW);
         let (sin, cos) = now.sin_cos();

@@ -75,3 +75,26 @@ pub(super) fn leave_out(scene: &mut Scene) {
         scene.notes.push(note);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+    use super::*;
+    use crate::procedural::{Kind, generate};
+
+    #[test]
+    fn edges_stay_where_other_lanes_or_road_users_have_their_height() {
+        let mut scene = generate(Kind::Straight, 0, 0).unwrap();
+        let ego = scene.ego;
+        scene.tracks[ego].position.iter_mut().for_each(|position| position[2] += 10.0);
+        leave_out(&mut scene);
+        assert!(scene.map.has_edges(), "the ego alone is on another level");
+        let map = Arc::make_mut(&mut scene.map);
+        for feature in map.features.iter().filter(|feature| feature.kind.is_edge()) {
+            map.points[feature.points.clone()].iter_mut().for_each(|point| point[2] -= 30.0);
+        }
+        leave_out(&mut scene);
+        assert!(!scene.map.has_edges());
+    }
+}

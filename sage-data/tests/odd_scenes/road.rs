@@ -301,7 +301,7 @@ fn still(scene: &OddScene, standing: &mut Motion, rng: &mut Rng) {
         match scene.value("standing") {
             "spins" => {
                 pose.heading = rng.uniform(-3.1, 3.1);
-                pose.position = pose.position.map(|x| x + rng.uniform(-0.02, 0.02));
+                pose.position = pose.position.map(|x| x + rng.uniform(-0.08, 0.08));
             }
             "flips" => pose.heading += if k % 3 == 0 { std::f64::consts::PI } else { 0.0 },
             "drifts" => pose.position[0] += 0.002 * k as f64,

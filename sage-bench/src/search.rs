@@ -217,5 +217,5 @@ fn likeliest(feasibility: PartSpec) -> ObjectiveSpec {
         options: Map::new(),
         only_feasible: false,
     };
-    ObjectiveSpec { terms: vec![term], feasibility, violation_weight: 0.0 }
+    ObjectiveSpec { terms: vec![term], feasibility, violation_weight: 0.0, believable_first: false }
 }

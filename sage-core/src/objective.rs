@@ -9,6 +9,7 @@
 
 mod above_speed_limit;
 mod adversarial;
+pub mod against_lanes;
 mod against_traffic;
 mod behavior;
 mod believable;
@@ -42,13 +43,16 @@ mod sizes;
 mod smooth_adversarial;
 mod smooth_realism;
 mod spec;
+pub mod turning;
 pub mod violation;
 
 pub use above_speed_limit::{AboveSpeedLimit, above_speed_limit};
 pub use adversarial::{AdversarialOptions, AdversarialReward, release_reward};
 pub use against_traffic::{AgainstTraffic, against_traffic};
 pub use behavior::{BehaviorPenalty, behavior_penalty};
-pub use believable::{MAX_AGAINST, MIN_DEPTH, Reason, doubts, is_believable, verdict};
+pub use believable::{
+    MAX_ACROSS, MAX_AGAINST, MIN_DEPTH, Reason, doubts, is_believable, is_believable_1, verdict,
+};
 pub use body::Body;
 pub use candidate::Candidate;
 pub use clearance::Clearance;

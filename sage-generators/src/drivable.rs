@@ -4,13 +4,18 @@ use sage_core::{
     Error,
     geometry::SegmentIndex,
     motion::Trajectory,
-    objective::{Body, Candidate, is_within_limits, touches_edge},
+    objective::{
+        Body, Candidate, is_within_limits, touches_edge,
+        turning::{TURN, tight_turn},
+    },
 };
 
-/// Whether a car can follow a candidate: at every step it is within the thresholds of the kinematic penalty
-/// and touches none of the edges. The map is part of the observation.
+/// Whether a car can follow a candidate: at every step it is within the thresholds of the kinematic penalty, it turns no
+/// more tightly than a car can, and touches none of the edges. The map is part of the observation.
 pub fn is_drivable(candidate: &Candidate, edges: &SegmentIndex) -> bool {
-    is_within_limits(candidate.profile()) && !touches_edge(candidate, edges)
+    is_within_limits(candidate.profile())
+        && tight_turn(candidate, TURN).is_none()
+        && !touches_edge(candidate, edges)
 }
 
 /// The first `most` drivable trajectories, with their indices and in their order. If there are fewer, other

@@ -129,6 +129,7 @@ fn preset(name: &str) -> ObjectiveSpec {
         terms: Vec::new(),
         feasibility: Default::default(),
         violation_weight: 0.0,
+        believable_first: false,
     })
 }
 

@@ -1,8 +1,10 @@
 //! Whether a person would believe an attack.
 //!
-//! An attack is believable if the whole plan is feasible by the paper's rule, touches no median at any frame,
-//! hits the ego solidly, and does not approach it against the traffic for long. Without contact there is no
-//! attack to believe.
+//! An attack is believable if the whole plan is feasible by the paper's rule, touches no median at any frame and turns no
+//! more tightly than a car can, hits the ego solidly, and does not approach it for long against or across the lanes, nor by
+//! a U-turn that no lane offers. Without contact there is no attack to believe.
+//!
+//! `believable-1` is the definition before: without turns, U-turns and the time across the lanes.
 
 use std::borrow::Cow;
 
@@ -10,10 +12,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Feasibility, MapFeasibility, Phase, Situation, Violation,
+    against_lanes::{across_lanes, u_turn},
     against_traffic::against_traffic,
     contact_depth::contact_depth,
     map_feasibility::{touches_truly, touching_feature},
-    violation::MEDIAN,
+    turning::{TURN, tight_turn},
+    violation::{MEDIAN, TURNING_CIRCLE},
 };
 use crate::motion::DT;
 
@@ -23,13 +27,23 @@ pub const MIN_DEPTH: f64 = 0.5;
 /// Longest time against the traffic before the contact, seconds.
 pub const MAX_AGAINST: f64 = 1.0;
 
+/// Longest time across the lanes before the contact, seconds: 1.5 % of 861 recorded vehicles that follow a lane *now* take
+/// longer (`cargo run --release -p sage-data --example recorded_limits`).
+pub const MAX_ACROSS: f64 = 2.5;
+const AGAINST_TRAFFIC: &str = "against_traffic";
+const ACROSS_LANES: &str = "across_lanes";
+const U_TURN: &str = "u_turn";
+const CONTACT_DEPTH: &str = "contact_depth";
+/// Reasons that `believable-1` does not know.
+const NEW: [&str; 3] = [TURNING_CIRCLE, ACROSS_LANES, U_TURN];
+
 /// Why an attack is not believable.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
-    /// `contact_depth`, `against_traffic`, or the violated rule.
+    /// `contact_depth`, `against_traffic`, `across_lanes`, `turning_circle`, `u_turn`, or the violated rule.
     pub reason: Cow<'static, str>,
-    /// The measured value: depth in metres, time against the traffic in seconds, or time of the first
-    /// violation after *now* in seconds.
+    /// The measured value: depth in metres, time against the traffic or across the lanes in seconds, turn in rad/m, or time
+    /// of the U-turn or of the first violation after *now* in seconds.
     pub value: f64,
     /// The limit that it breaks; `None` for a violated rule.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -45,8 +59,11 @@ impl Reason {
     pub fn words(&self) -> String {
         let value = self.value;
         match (&*self.reason, self.limit) {
-            ("contact_depth", _) => format!("contact only {value:.2} m deep"),
-            ("against_traffic", _) => format!("{value:.1} s against the traffic"),
+            (CONTACT_DEPTH, _) => format!("contact only {value:.2} m deep"),
+            (AGAINST_TRAFFIC, _) => format!("{value:.1} s against the traffic"),
+            (ACROSS_LANES, _) => format!("{value:.1} s across the lanes"),
+            (TURNING_CIRCLE, _) => format!("turns within {:.1} m", value.recip()),
+            (U_TURN, _) => format!("U-turn without a lane after {value:.1} s"),
             (rule, _) => format!("{} after {value:.1} s", rule.replace('_', " ")),
         }
     }
@@ -77,18 +94,44 @@ pub fn doubts(situation: &Situation, violations: &[Violation]) -> Option<Vec<Rea
     }
     let depth = contact_depth(candidate, ego);
     if depth < MIN_DEPTH {
-        reasons.push(Reason { reason: "contact_depth".into(), value: depth, limit: Some(MIN_DEPTH) });
+        reasons.push(Reason { reason: CONTACT_DEPTH.into(), value: depth, limit: Some(MIN_DEPTH) });
     }
     let against = against_traffic(situation, Phase::Before);
     // Half a step of tolerance: a time is a count of steps.
     if against > MAX_AGAINST + 0.5 * DT {
-        reasons.push(Reason { reason: "against_traffic".into(), value: against, limit: Some(MAX_AGAINST) });
+        reasons.push(Reason { reason: AGAINST_TRAFFIC.into(), value: against, limit: Some(MAX_AGAINST) });
+    }
+    if let Some(turn) = tight_turn(candidate, TURN) {
+        reasons.push(Reason { reason: TURNING_CIRCLE.into(), value: turn.value, limit: Some(turn.limit) });
+    }
+    let before = || Phase::Before.steps(encounter);
+    let across = across_lanes(candidate, ctx, before());
+    if across > MAX_ACROSS + 0.5 * DT {
+        reasons.push(Reason { reason: ACROSS_LANES.into(), value: across, limit: Some(MAX_ACROSS) });
+    }
+    if let Some(step) = u_turn(candidate, ctx, before()) {
+        reasons.push(Reason { reason: U_TURN.into(), value: step as f64 * DT, limit: None });
     }
     Some(reasons)
 }
 
+/// Whether an attack with these doubts is believable by `believable-1`.
+pub fn holds_1(reasons: &[Reason]) -> bool {
+    reasons.iter().all(|reason| NEW.contains(&&*reason.reason))
+}
+
 /// Whether an attack is believable: as [`doubts`], but stops at the first reason. `false` without contact.
 pub fn is_believable(situation: &Situation) -> bool {
+    let Situation { candidate, encounter, ctx, .. } = situation;
+    let before = || Phase::Before.steps(encounter);
+    is_believable_1(situation)
+        && tight_turn(candidate, TURN).is_none()
+        && across_lanes(candidate, ctx, before()) <= MAX_ACROSS + 0.5 * DT
+        && u_turn(candidate, ctx, before()).is_none()
+}
+
+/// Whether an attack is believable by `believable-1`.
+pub fn is_believable_1(situation: &Situation) -> bool {
     let Situation { candidate, ego, encounter, ctx } = situation;
     encounter.contact.is_some()
         && contact_depth(candidate, ego) >= MIN_DEPTH

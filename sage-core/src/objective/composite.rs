@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::{
     Candidate, Context, Evaluation, Feasibility, ObjectiveSpec, PartSpec, Reward, Situation, TermSpec,
-    Weight,
+    Weight, is_believable,
     spec::{MAX_WEIGHT, MOST_TERMS},
 };
 use crate::{Error, registry::Registry};
@@ -92,6 +92,7 @@ impl Objective {
                 );
                 return Err(Error::Options { kind: "objective", name: "feasibility", problem });
             }
+            union.spec.believable_first |= other.spec.believable_first;
             for (spec, term) in other.spec.terms.iter().zip(&other.terms) {
                 if !union.spec.terms.iter().any(|known| known.measures_as(spec)) {
                     union.spec.terms.push(spec.clone());
@@ -131,10 +132,13 @@ impl Objective {
         let value = |term: &Term| {
             if term.only_feasible && !is_feasible { None } else { term.mean(&situations) }
         };
+        let situation = &situations[0];
+        let is_asked = self.spec.believable_first && is_feasible && situation.encounter.contact.is_some();
         Evaluation {
+            is_believable: is_asked && is_believable(situation),
             terms: self.terms.iter().map(value).collect(),
-            contact: situations[0].encounter.contact,
-            adversarial: situations[0].encounter.reward(ctx.convention()),
+            contact: situation.encounter.contact,
+            adversarial: situation.encounter.reward(ctx.convention()),
             violations,
         }
     }

@@ -13,7 +13,7 @@
 //!   adversary are on another level. A candidate has no height; it follows the nearest lane of its own
 //!   level. Heights are computed only where the rule is violated in the plane, on maps with several levels.
 //!
-//! - A turn by more than 90° from one frame to the next is none that a car can make.
+//! - A car can neither turn on the spot, nor more tightly or faster than [`super::turning`] says.
 //!
 //! The first sweep ignores what the box already touches *now*: a car recorded over a kerb may leave it.
 
@@ -23,7 +23,8 @@ use super::{
     Candidate, Context, Feasibility, OtherAgent, Violation,
     map_feasibility::{half_turn, touching_agent, touching_feature},
     others::CHUNK,
-    violation::{EDGE_COST, MEDIAN, OFF_ROAD, ROAD_EDGE},
+    turning::{self, TightTurn},
+    violation::{EDGE_COST, LATERAL_ACCELERATION, MEDIAN, OFF_ROAD, ROAD_EDGE, TURNING_CIRCLE},
 };
 use crate::{
     geometry::{
@@ -55,11 +56,21 @@ pub struct DrivableOptions {
     /// On maps without `ROAD_EDGE_BOUNDARY`: distance from the nearest motor lane at which the road ends,
     /// metres.
     pub lane_reach: f64,
+    /// Largest turn per metre of a car of at most 6 m, rad/m ([`super::turning`]); no limit without it.
+    pub turn: Option<f64>,
+    /// Largest lateral acceleration, m/s²; no limit without it.
+    pub lateral: Option<f64>,
 }
 
 impl Default for DrivableOptions {
     fn default() -> Self {
-        Self { height_gap: 3.0, medians: true, lane_reach: 5.0 }
+        Self {
+            height_gap: 3.0,
+            medians: true,
+            lane_reach: 5.0,
+            turn: Some(turning::TURN),
+            lateral: Some(turning::LATERAL),
+        }
     }
 }
 
@@ -80,6 +91,11 @@ impl Entry<dyn Feasibility> for DrivableFeasibility {
                 return Err(format!("`{name}` is {value}; expected metres above 0"));
             }
         }
+        for (name, value, unit) in [("turn", options.turn, "rad/m"), ("lateral", options.lateral, "m/s²")] {
+            if let Some(value) = value.filter(|value| !(*value > 0.0)) {
+                return Err(format!("`{name}` is {value}; expected {unit} above 0, or null for no limit"));
+            }
+        }
         Ok(Box::new(Self(options)))
     }
 }
@@ -89,7 +105,29 @@ impl Feasibility for DrivableFeasibility {
         let mut drive = Drive::new(self.0, candidate, ctx);
         let in_the_plane = drive.violations();
         // Heights can only remove violations.
-        if !in_the_plane.is_empty() && drive.find_heights() { drive.violations() } else { in_the_plane }
+        let on_road =
+            if !in_the_plane.is_empty() && drive.find_heights() { drive.violations() } else { in_the_plane };
+        on_road.into_iter().chain(self.turns(candidate)).collect()
+    }
+
+    fn is_feasible(&self, candidate: &Candidate, ctx: &Context) -> bool {
+        // The cheaper question first.
+        self.turns(candidate).next().is_none() && self.violations(candidate, ctx).is_empty()
+    }
+}
+
+impl DrivableFeasibility {
+    /// Turns that no car can make.
+    fn turns(&self, candidate: &Candidate) -> impl Iterator<Item = Violation> {
+        let tight = self.0.turn.and_then(|limit| turning::tight_turn(candidate, limit));
+        let fast = self.0.lateral.and_then(|limit| turning::fast_turn(candidate, limit));
+        let violation = |turn: TightTurn, rule| Violation::at(candidate, turn.step, rule, EDGE_COST, "");
+        let all = [
+            half_turn(candidate),
+            tight.map(|turn| violation(turn, TURNING_CIRCLE)),
+            fast.map(|turn| violation(turn, LATERAL_ACCELERATION)),
+        ];
+        all.into_iter().flatten()
     }
 }
 
@@ -168,11 +206,7 @@ impl<'a> Drive<'a> {
             None
         };
         let boundary = self.on_sidewalk(boundary);
-        let half_turn = half_turn(candidate);
-        [edge(boundary, ROAD_EDGE), edge(median, MEDIAN), agent, off_road, half_turn]
-            .into_iter()
-            .flatten()
-            .collect()
+        [edge(boundary, ROAD_EDGE), edge(median, MEDIAN), agent, off_road].into_iter().flatten().collect()
     }
 
     /// Follows the height of the ground. `false` if nothing in the map lies above something else.

@@ -11,6 +11,8 @@ pub struct Evaluation {
     pub violations: Vec<Violation>,
     /// First step with contact with the ego on its first path, 1 to 80.
     pub contact: Option<usize>,
+    /// Whether it is a believable attack on that path; asked of feasible hits, by objectives that prefer these.
+    pub is_believable: bool,
     /// Adversarial reward against that path, even if it is not a term.
     pub adversarial: f64,
 }
@@ -24,6 +26,11 @@ impl Evaluation {
     /// Whether it hits the ego without a violation.
     pub fn is_attack(&self) -> bool {
         self.contact.is_some() && self.is_feasible()
+    }
+
+    /// Whether it hits the ego without a violation, and a person would not believe it.
+    pub fn is_doubted(&self) -> bool {
+        self.is_attack() && !self.is_believable
     }
 
     /// Cost of the violations.

@@ -9,7 +9,7 @@ use super::{
     AdversarialReward, BehaviorPenalty, Candidate, Context, DistributionDistances, DrivableFeasibility,
     EgoPath, Feasibility, KinematicPenalty, LoggedProfile, MapFeasibility, ObjectiveSpec, RealismPenalty,
     Reason, Reward, Situation, Violation, behavior_penalty,
-    believable::doubts,
+    believable::{doubts, holds_1},
     criticality::{Criticality, ImpactSpeed, RequiredDeceleration},
     kinematic_penalty,
     violation::{AGENT, ROAD_EDGE},
@@ -50,7 +50,10 @@ pub struct Scores {
     pub violations_drivable: Vec<Violation>,
     /// Whether a person would believe the attack; `None` without contact.
     pub believable: Option<bool>,
-    /// Why not.
+    /// The same by the definition before, which knows neither turns nor the time across the lanes.
+    #[serde(default, rename = "believable-1", skip_serializing_if = "Option::is_none")]
+    pub believable_1: Option<bool>,
+    /// Why it is not believable.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unbelievable: Vec<Reason>,
     /// Distances from the logged future.
@@ -210,6 +213,7 @@ impl<'c> Scorer<'c> {
             feasible: violations.is_empty(),
             feasible_drivable: violations_drivable.is_empty(),
             believable: doubts.as_ref().map(Vec::is_empty),
+            believable_1: doubts.as_deref().map(holds_1),
             unbelievable: doubts.unwrap_or_default(),
             distances: self.logged.distances(candidate, ctx.convention()),
             criticality: Criticality::of(&situation),

@@ -23,6 +23,10 @@ pub struct ObjectiveSpec {
     /// feasibility first.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub violation_weight: f64,
+    /// Whether a selection that would take a hit which a person would not believe takes the best believable one instead, if
+    /// there is any.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub believable_first: bool,
 }
 
 /// One weighted reward.
@@ -182,13 +186,16 @@ impl ObjectiveSpec {
         let constant = Weight::Constant;
         let paper = |adversarial, realism| {
             let terms = vec![term("adversarial", adversarial), term("realism", realism)];
-            Self { terms, feasibility: PartSpec::default(), violation_weight: 0.0 }
+            Self { terms, feasibility: PartSpec::default(), violation_weight: 0.0, believable_first: false }
         };
         Some(match name {
-            "natural" => natural(&|weight| {
-                let [mu0, mu1] = [&NATURAL_REALISTIC, &NATURAL_ADVERSARIAL].map(weight);
-                if mu0 == mu1 { constant(mu0) } else { Weight::Linear { mu0, mu1 } }
-            }),
+            "natural" => {
+                let weights = |weight: fn(&Natural) -> f64| {
+                    let [mu0, mu1] = [&NATURAL_REALISTIC, &NATURAL_ADVERSARIAL].map(weight);
+                    if mu0 == mu1 { constant(mu0) } else { Weight::Linear { mu0, mu1 } }
+                };
+                Self { believable_first: true, ..natural(&weights) }
+            }
             "natural-adversarial" => natural(&|weight| constant(weight(&NATURAL_ADVERSARIAL))),
             "natural-realistic" => natural(&|weight| constant(weight(&NATURAL_REALISTIC))),
             "lawful" => lawful(),
@@ -201,6 +208,7 @@ impl ObjectiveSpec {
                 terms: vec![term("realism", constant(-0.9))],
                 feasibility: PartSpec::default(),
                 violation_weight: 0.0,
+                believable_first: false,
             },
             _ => return None,
         })
@@ -227,7 +235,12 @@ fn natural(weight: &dyn Fn(fn(&Natural) -> f64) -> Weight) -> ObjectiveSpec {
     ];
     // A term without weight at every μ costs time and changes nothing.
     let terms = terms.into_iter().filter(|term| term.weight != Weight::Constant(0.0)).collect();
-    ObjectiveSpec { terms, feasibility: PartSpec::named("drivable"), violation_weight: 0.0 }
+    ObjectiveSpec {
+        terms,
+        feasibility: PartSpec::named("drivable"),
+        violation_weight: 0.0,
+        believable_first: false,
+    }
 }
 
 /// The traffic rules that a map holds. The rule `drivable` adds the medians. A little of P_real keeps a car that
@@ -243,7 +256,12 @@ fn lawful() -> ObjectiveSpec {
         whole("above-speed-limit", -1.0),
         term("realism", Weight::Constant(-0.1)),
     ];
-    ObjectiveSpec { terms, feasibility: PartSpec::named("drivable"), violation_weight: 0.0 }
+    ObjectiveSpec {
+        terms,
+        feasibility: PartSpec::named("drivable"),
+        violation_weight: 0.0,
+        believable_first: false,
+    }
 }
 
 fn term(name: &str, weight: Weight) -> TermSpec {

@@ -17,6 +17,10 @@ pub const AGENT: &str = "agent";
 pub const OFF_ROAD: &str = "off_road";
 /// The heading changes by more than 90° from one frame to the next.
 pub const HALF_TURN: &str = "half_turn";
+/// It turns more tightly than a car can.
+pub const TURNING_CIRCLE: &str = "turning_circle";
+/// It takes a turn faster than a car can.
+pub const LATERAL_ACCELERATION: &str = "lateral_acceleration";
 
 /// Ego and adversary overlap *now*: whatever the adversary does, it is no attack.
 pub const CONTACT_NOW: &str = "contact_now";

@@ -74,9 +74,17 @@ impl Best {
             used.push(k);
         }
         used.sort_unstable();
-        let evaluations: Vec<&Evaluation> = used.iter().filter_map(|k| all.known[*k].as_ref()).collect();
-        let Selection { chosen, note } = best_of(&evaluations, objective, mu);
-        Selection { chosen: used.get(chosen).copied().unwrap_or(0), note }
+        let found = all.best_of(&used, objective, mu);
+        let is_doubted = all.known[found.chosen].as_ref().is_some_and(Evaluation::is_doubted);
+        if !(objective.spec().believable_first && is_doubted) {
+            return found;
+        }
+        // Any other may be the best believable hit.
+        let every: Vec<usize> = (0..all.proposals.len()).collect();
+        every.iter().for_each(|k| {
+            all.evaluate(objective, *k);
+        });
+        all.best_of(&every, objective, mu)
     }
 }
 
@@ -112,10 +120,18 @@ impl<'p> Evaluated<'p> {
         let evaluation = known.unwrap_or_else(|| objective.evaluate(&self.candidate(k), self.ctx));
         self.known[k].insert(evaluation)
     }
+
+    /// The best of some proposals that are evaluated.
+    fn best_of(&self, used: &[usize], objective: &Objective, mu: f64) -> Selection {
+        let evaluations: Vec<&Evaluation> = used.iter().filter_map(|k| self.known[*k].as_ref()).collect();
+        let Selection { chosen, note } = best_of(&evaluations, objective, mu);
+        Selection { chosen: used.get(chosen).copied().unwrap_or(0), note }
+    }
 }
 
-/// The best feasible evaluation at a weight μ, the first of equals. If none is feasible, the one with the
-/// largest value minus the cost of its violations, with a note.
+/// The best feasible evaluation at a weight μ, the first of equals; in place of a hit that a person would not believe the best
+/// believable one, if the objective prefers it. If none is feasible, the one with the largest value minus the cost of its
+/// violations, with a note.
 pub fn best_of<E: Borrow<Evaluation>>(evaluations: &[E], objective: &Objective, mu: f64) -> Selection {
     let best = |value: &dyn Fn(&Evaluation) -> Option<f64>| {
         let mut best: Option<(usize, f64)> = None;
@@ -128,6 +144,9 @@ pub fn best_of<E: Borrow<Evaluation>>(evaluations: &[E], objective: &Objective, 
         best.map(|(k, _)| k)
     };
     if let Some(chosen) = best(&|e| e.is_feasible().then(|| objective.value(e, mu))) {
+        let is_doubted = objective.spec().believable_first && evaluations[chosen].borrow().is_doubted();
+        let believable = || best(&|e| e.is_believable.then(|| objective.value(e, mu)));
+        let chosen = is_doubted.then(believable).flatten().unwrap_or(chosen);
         return Selection { chosen, note: None };
     }
     let chosen = best(&|e| Some(objective.value(e, mu) - e.cost())).unwrap_or(0);
@@ -156,6 +175,7 @@ mod tests {
             terms: vec![Some(reward), Some(penalty)],
             violations,
             contact: None,
+            is_believable: false,
             adversarial: reward,
         }
     }

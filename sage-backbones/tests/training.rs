@@ -9,9 +9,16 @@ use sage_backbones::{
     Backbone, Error, Parameters, backbones,
     nn::AdamWConfig,
     parameters::Header,
-    training::{EpochRow, Examples, Observer, PretrainOptions, Pretrained, Trainer, pretrain, trainable},
+    training::{
+        EpochRow, Examples, Observer, PretrainOptions, Pretrained, Trainer, pretrain, role_assignments,
+        trainable,
+    },
 };
-use sage_core::scene::SceneData;
+use sage_core::{
+    geometry::distance,
+    motion::NOW,
+    scene::{Held, Scene, SceneData},
+};
 use sage_data::procedural::{Kind, generate};
 
 fn scenes(count: u64, seed: u64) -> Vec<SceneData> {
@@ -253,4 +260,25 @@ fn a_truncated_checkpoint_is_refused() {
     std::fs::write(&path, &whole[..whole.len() - 10]).unwrap();
     let error = train(&*network, folder.path(), usize::MAX).err().unwrap().to_string();
     assert_snapshot!(error.replace(&folder.path().display().to_string(), "[folder]"), @"`[folder]/last.safetensors`: is no whole file of weights (incomplete metadata, file not fully covered); copy or train it again; remove it to start again");
+}
+
+#[test]
+fn a_road_user_that_is_held_now_is_no_example_and_has_no_role() {
+    let whole = scenes(1, 0);
+    let moves = |scene: &Scene, k: usize| {
+        let track = &scene.tracks[k];
+        track.is_valid(90) && distance(track.point(NOW), track.point(90)) > 10.0 && k != scene.ego
+    };
+    let k = (0..whole[0].scene.tracks.len()).find(|k| moves(&whole[0].scene, *k)).unwrap();
+    let mut scene = (*whole[0].scene).clone();
+    let held = Held::between(k, &mut scene.tracks[k], NOW - 2, NOW + 2);
+    scene.held.push(held);
+    let data = [SceneData::new("held".to_owned(), scene)];
+    assert!(Examples::of(&whole).list().iter().any(|example| example.track == k));
+    assert!(!Examples::of(&data).list().iter().any(|example| example.track == k));
+    let takes = |data: &[SceneData]| {
+        let all = role_assignments(&data[0].scene, 20);
+        all.iter().any(|scene| scene.ego == k || scene.adversary == Some(k))
+    };
+    assert!(takes(&whole) && !takes(&data));
 }

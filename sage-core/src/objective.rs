@@ -51,7 +51,8 @@ pub use adversarial::{AdversarialOptions, AdversarialReward, release_reward};
 pub use against_traffic::{AgainstTraffic, against_traffic};
 pub use behavior::{BehaviorPenalty, behavior_penalty};
 pub use believable::{
-    MAX_ACROSS, MAX_AGAINST, MIN_DEPTH, Reason, doubts, is_believable, is_believable_1, verdict,
+    MAX_ACROSS, MAX_AGAINST, MIN_DEPTH, Reason, doubts, drives_believably, is_believable, is_believable_1,
+    verdict,
 };
 pub use body::Body;
 pub use candidate::Candidate;

@@ -122,6 +122,17 @@ impl Scene {
         Cow::Owned(scene)
     }
 
+    /// A track as it was observed, without the frames at which it is held.
+    pub fn track_as_observed(&self, track: usize) -> Cow<'_, Track> {
+        let mut held = self.held.iter().filter(|held| held.track == track).peekable();
+        if held.peek().is_none() {
+            return Cow::Borrowed(&self.tracks[track]);
+        }
+        let mut observed = self.tracks[track].clone();
+        held.for_each(|held| held.release(&mut observed));
+        Cow::Owned(observed)
+    }
+
     /// Whether the recorded boxes of ego and adversary overlap *now* on one level, borders excluded.
     pub fn is_in_contact_now(&self) -> bool {
         let Some(adversary) = self.adversary.map(|k| &self.tracks[k]) else { return false };
@@ -205,7 +216,7 @@ impl Scene {
             }
             if adversary.is_none() {
                 (self.adversary, self.adversary_origin) =
-                    select_adversary(&self.tracks, self.ego, &Levels::of(&self.map));
+                    select_adversary(&self.as_observed().tracks, self.ego, &Levels::of(&self.map));
             }
         }
         if let Some(id) = adversary {

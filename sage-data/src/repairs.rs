@@ -200,7 +200,7 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
     (scene.adversary, scene.adversary_origin) = match named.filter(|track| has_history(&scene.tracks[*track]))
     {
         Some(track) => (Some(track), AdversaryOrigin::File),
-        None => select_adversary(&scene.tracks, scene.ego, &Levels::of(&scene.map)),
+        None => select_adversary(&scene.as_observed().tracks, scene.ego, &Levels::of(&scene.map)),
     };
     let is_chosen = options.now.is_some() || options.resample && frames.is_some();
     Ok(Decoded { scene, frames, is_chosen })

@@ -23,7 +23,7 @@ use crate::part::{Part, PolicyPart};
 /// scene once, and then up to --budget times against a plan of the adversary; what it has done decides which plan is next.
 /// A plan is a failure if its attacked drive meets all clauses of --require: `attack` (the first contact is with the
 /// adversary, and not there without the attack), `believable`, `at-fault` (by nuPlan's rule), and `avoidable` (an evasive
-/// manoeuvre exists).
+/// manoeuvre exists). `believable-1` is the definition of `believable` before plans had limits of turns.
 ///
 /// The plans are those of SAGE at five lambda, of its mixtures with the lawful expert, and of random goals, as far as they are
 /// feasible (--feasibility, by default `drivable`). --method searches the plans of one generator instead; `king`,

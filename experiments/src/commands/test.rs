@@ -12,7 +12,7 @@ use sage_sim::{
     attack_test::AttackTest,
     search::{
         Clauses, Evaluated, Met,
-        suite::{self, SCENES, Suite, SuiteTest},
+        suite::{self, SCENES, Suite, SuiteTest, VERSION},
     },
 };
 use serde::{Deserialize, Serialize};
@@ -127,7 +127,12 @@ fn read(folder: &Path) -> Result<Suite> {
     if suite.tests.is_empty() {
         bail!("`{shown}` has no tests");
     }
-    Ok(suite)
+    if suite.suite < VERSION {
+        progress::say(&format!(
+            "note: `{shown}` was made before plans had limits of turns, and is judged as then"
+        ));
+    }
+    Ok(suite.as_found())
 }
 
 /// The results of an earlier run.

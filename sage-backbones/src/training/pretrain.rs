@@ -296,7 +296,7 @@ impl Futures<'_> {
         let one = |example: &Example| -> Result<(f64, f64), Error> {
             let sample = self.held_out.sample(example, network, false)?;
             let data = self.held_out.scene(example);
-            let truth = recorded(&data.scene.tracks[example.track]);
+            let truth = recorded(&data.scene.track_as_observed(example.track));
             let encoding = network.encode(Arc::clone(&sample.features))?;
             let nms = Selection::Nms { radius: self.options.radius };
             let named = |error: Error| error.of(data, example.track);

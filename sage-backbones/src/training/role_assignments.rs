@@ -17,13 +17,15 @@ const DISTANCE: f64 = 4.0;
 /// valid in less than 6 s of the future, are neither ego nor adversary.
 pub fn role_assignments(scene: &Scene, most: usize) -> Vec<Scene> {
     let Some(adversary) = scene.adversary else { return Vec::new() };
+    // A network predicts what is seen *now*.
+    let seen = scene.as_observed();
     let mut pairs = Vec::new();
-    if is_eligible(&scene.tracks[adversary]) && is_eligible(scene.ego()) {
+    if is_eligible(&seen.tracks[adversary]) && is_eligible(seen.ego()) {
         pairs.push((adversary, scene.ego));
     }
     let mut others: Vec<(f64, usize)> = (0..scene.tracks.len())
-        .filter(|&k| k != scene.ego && k != adversary && is_eligible(&scene.tracks[k]))
-        .map(|k| (nearest(&scene.tracks[k], scene.ego()), k))
+        .filter(|&k| k != scene.ego && k != adversary && is_eligible(&seen.tracks[k]))
+        .map(|k| (nearest(&seen.tracks[k], seen.ego()), k))
         .collect();
     others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     pairs.extend(others.into_iter().map(|(_, k)| (scene.ego, k)));

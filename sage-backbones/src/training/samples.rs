@@ -60,8 +60,8 @@ impl<'d> Examples<'d> {
     pub fn of(scenes: &'d [SceneData]) -> Self {
         let mut list = Vec::new();
         for (k, SceneData { scene, .. }) in scenes.iter().enumerate() {
-            for (track, recorded) in scene.tracks.iter().enumerate() {
-                if let Some((moves, is_whole)) = usable(recorded) {
+            for track in 0..scene.tracks.len() {
+                if let Some((moves, is_whole)) = usable(&scene.track_as_observed(track)) {
                     let of_interest = track == scene.ego || Some(track) == scene.adversary;
                     list.push(Example { scene: k, track, of_interest, moves, is_whole });
                 }
@@ -110,7 +110,7 @@ impl<'d> Examples<'d> {
 ///
 /// *Errors*: those of the network's features.
 pub fn recorded_sample(data: &SceneData, track: usize, network: &dyn Trainable) -> Result<Sample, Error> {
-    let recorded = &data.scene.tracks[track];
+    let recorded = &*data.scene.track_as_observed(track);
     let frame = Frame::new(recorded.point(NOW), recorded.heading[NOW]);
     let (positions, valid) = future(recorded, |p| frame.frame_from_world(p));
     let end = frame.world_from_frame(labels::end(&positions, &valid).position.map(f64::from));

@@ -122,10 +122,14 @@ pub fn holds_1(reasons: &[Reason]) -> bool {
 
 /// Whether an attack is believable: as [`doubts`], but stops at the first reason. `false` without contact.
 pub fn is_believable(situation: &Situation) -> bool {
+    is_believable_1(situation) && drives_believably(situation)
+}
+
+/// What an attack that is believable by `believable-1` needs besides.
+pub fn drives_believably(situation: &Situation) -> bool {
     let Situation { candidate, encounter, ctx, .. } = situation;
     let before = || Phase::Before.steps(encounter);
-    is_believable_1(situation)
-        && tight_turn(candidate, TURN).is_none()
+    tight_turn(candidate, TURN).is_none()
         && across_lanes(candidate, ctx, before()) <= MAX_ACROSS + 0.5 * DT
         && u_turn(candidate, ctx, before()).is_none()
 }

@@ -16,10 +16,13 @@ pub enum Clause {
     AtFault,
     /// A search finds an evasive manoeuvre from a state of this drive.
     Avoidable,
+    /// [`Clause::Believable`] by its definition before, which suites of version 1 ask: without turns and the time across lanes.
+    #[serde(rename = "believable-1")]
+    Believable1,
 }
 
 impl Clause {
-    /// All clauses, in the order in which they are asked.
+    /// The clauses that make a failure by default, in the order in which they are asked.
     pub const ALL: [Self; 4] = [Self::Attack, Self::Believable, Self::AtFault, Self::Avoidable];
 
     /// Name on the command line and in rows.
@@ -29,6 +32,7 @@ impl Clause {
             Self::Believable => "believable",
             Self::AtFault => "at-fault",
             Self::Avoidable => "avoidable",
+            Self::Believable1 => "believable-1",
         }
     }
 }
@@ -42,29 +46,39 @@ impl fmt::Display for Clause {
 /// The clauses that make a driven plan a failure. `attack` is always one of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<Clause>", into = "Vec<Clause>")]
-pub struct Requirement([bool; 4]);
+pub struct Requirement([bool; NAMED.len()]);
+
+/// All clauses that can be named, in the order in which they are asked.
+const NAMED: [Clause; 5] =
+    [Clause::Attack, Clause::Believable1, Clause::Believable, Clause::AtFault, Clause::Avoidable];
 
 impl Default for Requirement {
     /// All clauses.
     fn default() -> Self {
-        Self([true; 4])
+        Self::of(&Clause::ALL)
     }
 }
 
 impl Requirement {
     /// A requirement of some clauses.
     pub fn of(clauses: &[Clause]) -> Self {
-        Self(Clause::ALL.map(|clause| clause == Clause::Attack || clauses.contains(&clause)))
+        Self(NAMED.map(|clause| clause == Clause::Attack || clauses.contains(&clause)))
     }
 
     /// Whether it names a clause.
     pub fn holds(self, clause: Clause) -> bool {
-        self.0[clause as usize]
+        NAMED.iter().zip(self.0).any(|(named, holds)| *named == clause && holds)
     }
 
     /// Its clauses in their order.
     pub fn clauses(self) -> impl Iterator<Item = Clause> {
-        Clause::ALL.into_iter().filter(move |clause| self.holds(*clause))
+        NAMED.into_iter().filter(move |clause| self.holds(*clause))
+    }
+
+    /// The requirement as it was meant before `believable` got its present definition.
+    pub fn before(self) -> Self {
+        let clause = |clause| if clause == Clause::Believable { Clause::Believable1 } else { clause };
+        Self::of(&self.clauses().map(clause).collect::<Vec<_>>())
     }
 }
 
@@ -88,9 +102,9 @@ impl FromStr for Requirement {
     /// Names of clauses with commas between them.
     fn from_str(text: &str) -> Result<Self, String> {
         let clause = |name: &str| {
-            let found = Clause::ALL.into_iter().find(|clause| clause.name() == name);
+            let found = NAMED.into_iter().find(|clause| clause.name() == name);
             found.ok_or_else(|| {
-                let known = Clause::ALL.map(Clause::name).join(", ");
+                let known = NAMED.map(Clause::name).join(", ");
                 format!("`{name}` is no clause; known: {known}")
             })
         };
@@ -116,6 +130,9 @@ pub struct Clauses {
     pub at_fault: Option<bool>,
     /// [`Clause::Avoidable`].
     pub avoidable: Option<bool>,
+    /// [`Clause::Believable1`].
+    #[serde(default, rename = "believable-1", skip_serializing_if = "Option::is_none")]
+    pub believable_1: Option<bool>,
 }
 
 impl Clauses {
@@ -126,12 +143,13 @@ impl Clauses {
             Clause::Believable => self.believable == Some(true),
             Clause::AtFault => self.at_fault == Some(true),
             Clause::Avoidable => self.avoidable == Some(true),
+            Clause::Believable1 => self.believable_1 == Some(true),
         }
     }
 
     /// Whether a clause and the ones before it hold.
     pub fn reach(&self, clause: Clause) -> bool {
-        Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| self.holds(c))
+        NAMED.into_iter().take_while(|c| *c != clause).chain([clause]).all(|c| self.holds(c))
     }
 
     /// Whether all required clauses hold.
@@ -184,7 +202,7 @@ impl Reason {
     pub fn missing(clause: Clause) -> Self {
         match clause {
             Clause::Attack => Self::ContactWithoutAttack,
-            Clause::Believable => Self::NotBelievable,
+            Clause::Believable | Clause::Believable1 => Self::NotBelievable,
             Clause::AtFault => Self::NotAtFault,
             Clause::Avoidable => Self::NotShownAvoidable,
         }
@@ -217,12 +235,16 @@ mod tests {
         let text = serde_json::to_string(&requirement).unwrap();
         assert_eq!(serde_json::from_str::<Requirement>(&text).unwrap(), requirement);
         let error = "solid".parse::<Requirement>().unwrap_err();
-        assert_eq!(error, "`solid` is no clause; known: attack, believable, at-fault, avoidable");
+        assert_eq!(
+            error,
+            "`solid` is no clause; known: attack, believable-1, believable, at-fault, avoidable"
+        );
+        assert_eq!(Requirement::default().before().to_string(), "attack,believable-1,at-fault,avoidable");
     }
 
     #[test]
     fn clauses_that_were_not_asked_do_not_hold() {
-        let clauses = Clauses { attack: true, believable: Some(true), at_fault: None, avoidable: None };
+        let clauses = Clauses { attack: true, believable: Some(true), ..Clauses::default() };
         assert!(clauses.meet(Requirement::of(&[Clause::Believable])));
         assert_eq!(clauses.first_missing(Requirement::default()), Some(Clause::AtFault));
         assert_eq!(clauses.first_missing(Requirement::of(&[Clause::Attack])), None);

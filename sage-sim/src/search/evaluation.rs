@@ -6,7 +6,7 @@ use sage_core::{
     generator::Proposal,
     geometry::Point,
     motion::{DT, NOW},
-    objective::{Context, EgoPaths, Feasibility, Situation, is_believable},
+    objective::{Context, EgoPaths, Feasibility, Situation, drives_believably, is_believable_1},
 };
 use serde::{Deserialize, Serialize};
 
@@ -132,8 +132,9 @@ impl<'t> Evaluator<'t> {
         }
         let ctx = self.ctx.with_ego(&path.ego(self.ctx.horizon())?)?;
         let situation = Situation::new(&plan.candidate, ctx.ego(), &ctx);
-        let believable = outcome.verdict.solid && is_believable(&situation);
-        evaluated.clauses.believable = Some(believable);
+        let believable_1 = outcome.verdict.solid && is_believable_1(&situation);
+        evaluated.clauses.believable_1 = Some(believable_1);
+        evaluated.clauses.believable = Some(believable_1 && drives_believably(&situation));
         evaluated.clauses.at_fault = Some(outcome.verdict.at_fault);
         let others = self.requirement.clauses().filter(|clause| *clause != Clause::Avoidable);
         if self.requirement.holds(Clause::Avoidable) && others.into_iter().all(|c| evaluated.clauses.holds(c))

@@ -1,5 +1,7 @@
 //! A suite: failures kept as tests, which say tomorrow whether a driver got better.
 //!
+//! The version says by which definitions failures were found: those of version 1 know no limit of turns.
+//!
 //! A test is an unchanged scene and a plan of the adversary. A driver passes if the plan is no failure by the clauses of the
 //! suite. A suite may come from anywhere: it holds values and names of files inside its own folder, and nothing in it
 //! names a program.
@@ -9,7 +11,8 @@ use std::collections::HashSet;
 use sage_core::{
     generator::Proposal,
     motion::Trajectory,
-    objective::{Context, Feasibility, PartSpec},
+    objective::{Context, DrivableFeasibility, Feasibility, PartSpec},
+    registry::Entry,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -17,8 +20,8 @@ use serde_json::{Map, Value};
 use super::{Clauses, Evaluated, Met, PlanDrives, Requirement, SearchOptions};
 use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions};
 
-/// Version of the format.
-pub const VERSION: u32 = 1;
+/// Version of the format and of the definitions.
+pub const VERSION: u32 = 2;
 /// Largest number of tests.
 pub const MOST_TESTS: usize = 20_000;
 /// Folder of the unchanged scenes in that of the suite.
@@ -92,8 +95,8 @@ impl Suite {
     ///
     /// *Errors*: what is wrong, with the test.
     pub fn check(&self) -> Result<(), String> {
-        if self.suite != VERSION {
-            return Err(format!("its version is {}; this program reads version {VERSION}", self.suite));
+        if !(1..=VERSION).contains(&self.suite) {
+            return Err(format!("its version is {}; this program reads versions 1 to {VERSION}", self.suite));
         }
         if self.tests.len() > MOST_TESTS {
             return Err(format!("it has {} tests; expected at most {MOST_TESTS}", self.tests.len()));
@@ -119,6 +122,19 @@ impl Suite {
             }
         }
         Ok(())
+    }
+
+    /// The suite with the definitions that its failures were found by.
+    pub fn as_found(mut self) -> Self {
+        if self.suite == 1 {
+            self.require = self.require.before();
+            if self.feasibility.name == DrivableFeasibility::NAME {
+                for name in ["turn", "lateral"] {
+                    self.feasibility.options.entry(name).or_insert(Value::Null);
+                }
+            }
+        }
+        self
     }
 }
 
@@ -189,6 +205,21 @@ mod tests {
     }
 
     #[test]
+    fn a_suite_of_version_1_is_judged_by_its_definitions() {
+        let of = |version: u32| {
+            let feasibility = PartSpec::named("drivable");
+            Suite { suite: version, feasibility, ..suite() }.as_found()
+        };
+        let [before, now] = [of(1), of(2)];
+        assert_eq!(before.require.to_string(), "attack,believable-1,at-fault,avoidable");
+        assert_eq!(
+            serde_json::to_string(&before.feasibility.options).unwrap(),
+            r#"{"lateral":null,"turn":null}"#
+        );
+        assert_eq!((now.require, now.feasibility.options.len()), (Requirement::default(), 0));
+    }
+
+    #[test]
     fn names_that_lead_out_changed_plans_and_other_versions_are_refused() {
         let error = |change: &dyn Fn(&mut Suite)| {
             let mut changed = suite();
@@ -203,7 +234,7 @@ mod tests {
         }
         assert!(error(&|suite| suite.tests[0].name = "x".repeat(300)).contains("expected a plain name"));
         assert!(error(&|suite| suite.tests.push(suite.tests[0].clone())).contains("is taken"));
-        assert!(error(&|suite| suite.suite = 2).contains("version"));
+        assert!(error(&|suite| suite.suite = 3).contains("version"));
         let many = |suite: &mut Suite| suite.tests = vec![suite.tests[0].clone(); MOST_TESTS + 1];
         assert!(error(&many).contains("it has 20001 tests; expected at most 20000"));
         let moved = |suite: &mut Suite| {

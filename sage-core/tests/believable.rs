@@ -178,7 +178,7 @@ fn a_centre_that_left_the_road_through_a_gap_is_off_it() {
     }
     // Down through the gap, then behind the edge.
     let path = |t: f64| if t < 3.0 { [55.0, -5.0 * t] } else { [55.0 + 8.0 * (t - 3.0), -15.0] };
-    let found = violations(&scene, json!({}), path);
+    let found = violations(&scene, json!({"turn": null, "lateral": null}), path);
     assert_eq!((rules(&found), &found[0].with[..]), (vec!["off_road"], "after"));
     let beyond = path(0.1 * found[0].step as f64);
     assert!(beyond[0] > 60.0 && beyond[0] < 64.0, "{beyond:?}");

@@ -157,7 +157,7 @@ fn bridges_are_ignored() {
         lane: None,
     });
     scene.map = map.into();
-    let s = score(&scene, |t| [20.0 + 10.0 * t, 4.0]);
+    let s = score(&scene, |t| [20.0 + 10.0 * t, 0.5 * t]);
     assert_eq!((s.cross_line, s.crash_object), (Some(0.0), 0.0));
     assert!(s.feasible && s.feasible_drivable, "{:?}", s.violations_drivable);
     // A road with one level ignores heights: there they may mean nothing.

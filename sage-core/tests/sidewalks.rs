@@ -5,7 +5,10 @@
 mod hand_made;
 
 use hand_made::{car, road, score, with_feature};
-use sage_core::scene::{MapKind, Scene};
+use sage_core::{
+    objective::violation::{LATERAL_ACCELERATION, TURNING_CIRCLE},
+    scene::{MapKind, Scene},
+};
 
 /// The road whose edges are at ±8 m, without them, with a feature per outline.
 fn with_sidewalks(start: [f64; 2], velocity: [f64; 2], kind: &str, outlines: &[&[[f64; 2]]]) -> Scene {
@@ -23,11 +26,13 @@ const RIGHT: [[f64; 2]; 5] = [[-100.0, -8.0], [300.0, -8.0], [300.0, -20.0], [-1
 const NARROW: [[f64; 2]; 5] =
     [[-100.0, -8.0], [300.0, -8.0], [300.0, -11.0], [-100.0, -11.0], [-100.0, -8.0]];
 
-/// Rules that a plan breaks with their first steps: of `paper`, and of `drivable`.
+/// Rules of the road that a plan breaks with their first steps: of `paper`, and of `drivable`.
 fn broken(scene: &Scene, at: impl Fn(f64) -> [f64; 2]) -> [Vec<(String, usize)>; 2] {
     let scores = score(scene, at);
+    // The plans of these tests jump.
+    let is_turn = |rule: &str| [TURNING_CIRCLE, LATERAL_ACCELERATION].contains(&rule);
     [&scores.violations, &scores.violations_drivable]
-        .map(|all| all.iter().map(|v| (v.rule.to_string(), v.step)).collect())
+        .map(|all| all.iter().filter(|v| !is_turn(&v.rule)).map(|v| (v.rule.to_string(), v.step)).collect())
 }
 
 #[test]
@@ -58,7 +63,7 @@ fn nobody_drives_on_a_sidewalk() {
             assert!(found.is_none_or(|(_, step)| step <= 16), "{kind} {rule}");
         }
         let scores = score(&scene, straight);
-        assert!(scores.feasible && scores.feasible_drivable, "{kind}");
+        assert_eq!(broken(&scene, straight), [vec![], vec![]], "{kind}");
         assert_eq!(scores.cross_line, at_edge.then_some(0.0), "{kind}");
     }
 }

@@ -101,7 +101,7 @@ fn noise_of_a_standing_or_creeping_car_is_no_turn() {
         let noise: Vec<[f64; 2]> =
             (0..=80).map(|_| [rng.uniform(-0.08, 0.08), rng.uniform(-0.08, 0.08)]).collect();
         let at = |t: f64| noise[(10.0 * t).round() as usize];
-        let stands = plan(&scene([0.0, 0.0], [0.0, 0.0], 4.5), |t| at(t));
+        let stands = plan(&scene([0.0, 0.0], [0.0, 0.0], 4.5), at);
         assert_eq!(tight_turn(&stands, TURN), None);
         assert_eq!(fast_turn(&stands, LATERAL), None);
     }

@@ -44,6 +44,9 @@ struct Vehicle {
     u_turn: bool,
 }
 
+/// Whether a vehicle is in a group.
+type IsIn = fn(&Vehicle) -> bool;
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut all = Vec::new();
     let mut scenes = 0;
@@ -58,7 +61,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     println!("{} moving vehicles of {scenes} scenes", all.len());
-    let groups: [(&str, fn(&Vehicle) -> bool); 9] = [
+    let groups: [(&str, IsIn); 9] = [
         ("all", |_| true),
         ("up to 6 m long", |v| v.length <= 6.0),
         ("longer", |v| v.length > 6.0),
@@ -135,8 +138,11 @@ fn measured(
     let beyond = |turn: Option<turning::TightTurn>| turn.map_or(0.0, |turn| turn.value);
     let tight = turning::tight_turn(&candidate, ANY);
     let start = candidate.box_now().axis;
-    let turned =
-        candidate.profile().axis.iter().any(|axis| axis[0] * start[0] + axis[1] * start[1] < -0.7071);
+    let turned = candidate
+        .profile()
+        .axis
+        .iter()
+        .any(|axis| axis[0] * start[0] + axis[1] * start[1] < -std::f64::consts::FRAC_1_SQRT_2);
     Ok(Some(Vehicle {
         name: format!("{} {}", scene.id, track.id),
         length: track.size[NOW][0],

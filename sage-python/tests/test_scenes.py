@@ -156,7 +156,7 @@ class Scenes(InFolder):
             self.assertEqual(own, expected)
         columns = sage.score_columns(scene, attack.candidates, convention="release")
         for name, column in columns.items():
-            values = [row[name] if name in row else row["rewards"][name] for row in own]
+            values = [row[name] if name in row else row["rewards"].get(name) for row in own]
             values = [np.nan if value is None else float(value) for value in values]
             self.assertTrue(np.array_equal(column, values, equal_nan=True), name)
         one = sage.score(scene, attack.trajectory)

@@ -129,7 +129,7 @@ fn read(folder: &Path) -> Result<Suite> {
     }
     if suite.suite < VERSION {
         progress::say(&format!(
-            "note: `{shown}` was made before plans had limits of turns, and is judged as then"
+            "note: `{shown}` was made before plans had limits of turns, and is evaluated as then"
         ));
     }
     Ok(suite.as_found())

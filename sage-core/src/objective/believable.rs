@@ -115,7 +115,7 @@ pub fn doubts(situation: &Situation, violations: &[Violation]) -> Option<Vec<Rea
     Some(reasons)
 }
 
-/// Whether an attack with these doubts is believable by `believable-1`.
+/// Whether an attack with these reasons against it is believable by `believable-1`.
 pub fn holds_1(reasons: &[Reason]) -> bool {
     reasons.iter().all(|reason| NEW.contains(&&*reason.reason))
 }

@@ -29,7 +29,7 @@ impl Evaluation {
     }
 
     /// Whether it hits the ego without a violation, and a person would not believe it.
-    pub fn is_doubted(&self) -> bool {
+    pub fn is_unbelievable_hit(&self) -> bool {
         self.is_attack() && !self.is_believable
     }
 

@@ -75,8 +75,9 @@ impl Best {
         }
         used.sort_unstable();
         let found = all.best_of(&used, objective, mu);
-        let is_doubted = all.known[found.chosen].as_ref().is_some_and(Evaluation::is_doubted);
-        if !(objective.spec().believable_first && is_doubted) {
+        let is_unbelievable_hit =
+            all.known[found.chosen].as_ref().is_some_and(Evaluation::is_unbelievable_hit);
+        if !(objective.spec().believable_first && is_unbelievable_hit) {
             return found;
         }
         // Any other may be the best believable hit.
@@ -144,9 +145,10 @@ pub fn best_of<E: Borrow<Evaluation>>(evaluations: &[E], objective: &Objective, 
         best.map(|(k, _)| k)
     };
     if let Some(chosen) = best(&|e| e.is_feasible().then(|| objective.value(e, mu))) {
-        let is_doubted = objective.spec().believable_first && evaluations[chosen].borrow().is_doubted();
+        let is_unbelievable_hit =
+            objective.spec().believable_first && evaluations[chosen].borrow().is_unbelievable_hit();
         let believable = || best(&|e| e.is_believable.then(|| objective.value(e, mu)));
-        let chosen = is_doubted.then(believable).flatten().unwrap_or(chosen);
+        let chosen = is_unbelievable_hit.then(believable).flatten().unwrap_or(chosen);
         return Selection { chosen, note: None };
     }
     let chosen = best(&|e| Some(objective.value(e, mu) - e.cost())).unwrap_or(0);

@@ -35,6 +35,11 @@ impl Clause {
             Self::Believable1 => "believable-1",
         }
     }
+
+    /// The default clause in whose place it is asked.
+    fn as_asked(self) -> Self {
+        if self == Self::Believable1 { Self::Believable } else { self }
+    }
 }
 
 impl fmt::Display for Clause {
@@ -149,7 +154,9 @@ impl Clauses {
 
     /// Whether a clause and the ones before it hold.
     pub fn reach(&self, clause: Clause) -> bool {
-        NAMED.into_iter().take_while(|c| *c != clause).chain([clause]).all(|c| self.holds(c))
+        // Rows of earlier versions do not answer `believable-1`.
+        let before = Clause::ALL.into_iter().take_while(|c| *c < clause.as_asked());
+        before.chain([clause]).all(|c| self.holds(c))
     }
 
     /// Whether all required clauses hold.
@@ -248,5 +255,7 @@ mod tests {
         assert!(clauses.meet(Requirement::of(&[Clause::Believable])));
         assert_eq!(clauses.first_missing(Requirement::default()), Some(Clause::AtFault));
         assert_eq!(clauses.first_missing(Requirement::of(&[Clause::Attack])), None);
+        assert!(clauses.reach(Clause::Believable), "as rows of earlier versions say it");
+        assert!(!clauses.reach(Clause::Believable1) && !clauses.reach(Clause::AtFault));
     }
 }

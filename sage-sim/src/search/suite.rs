@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_suite_of_version_1_is_judged_by_its_definitions() {
+    fn a_suite_of_version_1_keeps_its_definitions() {
         let of = |version: u32| {
             let feasibility = PartSpec::named("drivable");
             Suite { suite: version, feasibility, ..suite() }.as_found()

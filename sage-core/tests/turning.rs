@@ -13,7 +13,7 @@ use sage_core::{
         Candidate, Context, ContextOptions, Convention, against_lanes, feasibilities,
         turning::{LATERAL, TURN, fast_turn, tight_turn},
     },
-    scene::{Scene, SceneIndex},
+    scene::{MapKind, Scene, SceneIndex},
     seed::Rng,
 };
 use serde_json::json;
@@ -176,7 +176,7 @@ fn the_rule_drivable_names_what_it_finds_and_its_limits_are_options() {
 /// A road with a lane along y = 0, and an adversary that meets the ego there, which drives at 10 m/s.
 fn with_lane(adversary: [f64; 2], velocity: [f64; 2]) -> Scene {
     let scene = road(car("a", adversary, velocity), vec![]);
-    let kind = sage_core::scene::MapKind::LaneSurfaceStreet;
+    let kind = MapKind::LaneSurfaceStreet;
     hand_made::with_feature(&scene, "east", kind, &[[-300.0, 0.0], [300.0, 0.0]])
 }
 
@@ -211,10 +211,56 @@ fn a_person_does_not_believe_tight_turns_and_long_ways_across() {
     let step = against_lanes::u_turn(&plan, &context(&scene), plan.steps()).unwrap();
     assert!((28..=32).contains(&step), "135 degrees at 0.8 rad/s: {step}");
     // A lane that leads round offers it.
-    let kind = sage_core::scene::MapKind::LaneSurfaceStreet;
+    let kind = MapKind::LaneSurfaceStreet;
     let round: Vec<[f64; 2]> = (0..=20).map(|k| u_turn(0.2 * f64::from(k))).collect();
     let offered = hand_made::with_feature(&scene, "round", kind, &round);
     assert_eq!(against_lanes::u_turn(&plan, &context(&offered), plan.steps()), None);
+}
+
+#[test]
+fn a_turn_from_the_lane_that_leads_there_crosses_none_of_its_direction() {
+    let lane = |scene: Scene, id: &str, points: &[[f64; 2]]| {
+        hand_made::with_feature(&scene, id, MapKind::LaneSurfaceStreet, points)
+    };
+    // Lanes to the east along y = 0 and, left of it, y = 4; oncoming along y = 8.
+    let street = |start: [f64; 2]| {
+        let scene = lane(with_lane(start, [6.0, 0.0]), "left", &[[-300.0, 4.0], [300.0, 4.0]]);
+        lane(scene, "west", &[[300.0, 8.0], [-300.0, 8.0]])
+    };
+    let turn = |y: f64, side: f64| {
+        move |t: f64| {
+            let angle = (6.0 * t / 10.0).min(PI / 2.0);
+            let after = 6.0 * (t - PI / 2.0 * 10.0 / 6.0).max(0.0);
+            [60.0 + 10.0 * angle.sin(), y + side * (10.0 * (1.0 - angle.cos()) + after)]
+        }
+    };
+    let found = |scene: &Scene, at: &dyn Fn(f64) -> [f64; 2]| {
+        let ctx = context(scene);
+        against_lanes::turn_from_wrong_lane(&candidate(&ctx, at), &ctx)
+    };
+    // 4 m to the side after a turn by acos(0.6) = 0.927 rad: 1.55 s.
+    assert_eq!(found(&street([60.0, 0.0]), &turn(0.0, 1.0)), Some(16));
+    assert_eq!(found(&street([60.0, 4.0]), &turn(4.0, 1.0)), None);
+    assert_eq!(found(&street([60.0, 0.0]), &turn(0.0, -1.0)), None);
+    // From the left lane to the right it crosses the other one.
+    assert_eq!(found(&street([60.0, 4.0]), &turn(4.0, -1.0)), Some(16));
+    // A lane that leads from the right lane to the left offers it.
+    let way: Vec<[f64; 2]> = (0..=40).map(|k| turn(0.0, 1.0)(0.1 * f64::from(k))).collect();
+    assert_eq!(found(&lane(street([60.0, 0.0]), "both", &way), &turn(0.0, 1.0)), None);
+    // A change of lane, and of two lanes, crosses none by more than 30°.
+    for to in [4.0, 8.0] {
+        let change = |t: f64| [60.0 + 6.0 * t, to / (1.0 + (-1.2 * (t - 4.0)).exp())];
+        assert_eq!(found(&street([60.0, 0.0]), &change), None);
+    }
+    // It counts after the contact too, which the ego makes from behind after 5.3 s.
+    let scene = street([25.0, 0.0]);
+    let turns_later = |t: f64| {
+        let turned = turn(0.0, 1.0)((t - 5.5).max(0.0));
+        [25.0 + 6.0 * t.min(5.5) + turned[0] - 60.0, turned[1]]
+    };
+    let reasons = doubts(&scene, turns_later);
+    assert!(reasons.contains(&"wrong_lane".to_owned()), "{reasons:?}");
+    assert!(!doubts(&scene, |t| [25.0 + 6.0 * t, 0.0]).contains(&"wrong_lane".to_owned()));
 }
 
 #[test]

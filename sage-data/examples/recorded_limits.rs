@@ -42,6 +42,7 @@ struct Vehicle {
     on_lane: bool,
     has_turned: bool,
     u_turn: bool,
+    wrong_lane: bool,
 }
 
 /// Whether a vehicle is in a group.
@@ -74,20 +75,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     ];
     println!("share beyond a limit, % [95 % interval]");
     println!(
-        "{:20} {:>5} {:>18} {:>18} {:>18} {:>18}",
-        "", "N", "turn", "lateral", "across > 2.5 s", "U-turn, no lane"
+        "{:20} {:>5} {:>18} {:>18} {:>18} {:>18} {:>18}",
+        "", "N", "turn", "lateral", "across > 2.5 s", "U-turn, no lane", "wrong lane"
     );
     for (name, is_in) in groups {
         let group: Vec<&Vehicle> = all.iter().filter(|vehicle| is_in(vehicle)).collect();
         let share =
             |of: &dyn Fn(&Vehicle) -> bool| wilson(group.iter().filter(|v| of(v)).count(), group.len());
         println!(
-            "{name:20} {:5} {:>18} {:>18} {:>18} {:>18}",
+            "{name:20} {:5} {:>18} {:>18} {:>18} {:>18} {:>18}",
             group.len(),
             share(&|v| v.turn > turning::TURN),
             share(&|v| v.lateral > turning::LATERAL),
             share(&|v| v.across > 2.5),
-            share(&|v| v.u_turn)
+            share(&|v| v.u_turn),
+            share(&|v| v.wrong_lane)
         );
     }
     let quantiles = |name: &str, of: fn(&Vehicle) -> f64| {
@@ -104,12 +106,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     quantiles("lateral acceleration, m/s²", |v| v.lateral);
     quantiles("time across the lanes, s", |v| v.across);
     println!("turned by more than 135°: {}", all.iter().filter(|v| v.has_turned).count());
-    let mut odd: Vec<&Vehicle> = all.iter().filter(|v| v.turn > turning::TURN || v.u_turn).collect();
+    let mut odd: Vec<&Vehicle> =
+        all.iter().filter(|v| v.turn > turning::TURN || v.u_turn || v.wrong_lane).collect();
     odd.sort_by(|a, b| b.turn.total_cmp(&a.turn));
     for v in odd {
         println!(
-            "{}: turn {:.3}, lateral {:.1}, across {:.1}, U-turn {}",
-            v.name, v.turn, v.lateral, v.across, v.u_turn
+            "{}: turn {:.3}, lateral {:.1}, across {:.1}, U-turn {}, wrong lane {}",
+            v.name, v.turn, v.lateral, v.across, v.u_turn, v.wrong_lane
         );
     }
     Ok(())
@@ -154,6 +157,7 @@ fn measured(
         on_lane: against_lanes::across_lanes(&candidate, &ctx, 1..=1) == 0.0,
         has_turned: turned,
         u_turn: against_lanes::u_turn(&candidate, &ctx, candidate.steps()).is_some(),
+        wrong_lane: against_lanes::turn_from_wrong_lane(&candidate, &ctx).is_some(),
     }))
 }
 

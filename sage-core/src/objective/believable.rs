@@ -1,8 +1,8 @@
 //! Whether a person would believe an attack.
 //!
 //! An attack is believable if the whole plan is feasible by the paper's rule, touches no median at any frame and turns no
-//! more tightly than a car can, hits the ego solidly, and does not approach it for long against or across the lanes, nor by
-//! a U-turn that no lane offers. Without contact there is no attack to believe.
+//! more tightly than a car can nor from the wrong lane, hits the ego solidly, and does not approach it for long against or
+//! across the lanes, nor by a U-turn that no lane offers. Without contact there is no attack to believe.
 //!
 //! `believable-1` is the definition before: without turns, U-turns and the time across the lanes.
 
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Feasibility, MapFeasibility, Phase, Situation, Violation,
-    against_lanes::{across_lanes, u_turn},
+    against_lanes::{across_lanes, turn_from_wrong_lane, u_turn},
     against_traffic::against_traffic,
     contact_depth::contact_depth,
     map_feasibility::{touches_truly, touching_feature},
@@ -33,17 +33,18 @@ pub const MAX_ACROSS: f64 = 2.5;
 const AGAINST_TRAFFIC: &str = "against_traffic";
 const ACROSS_LANES: &str = "across_lanes";
 const U_TURN: &str = "u_turn";
+const WRONG_LANE: &str = "wrong_lane";
 const CONTACT_DEPTH: &str = "contact_depth";
 /// Reasons that `believable-1` does not know.
-const NEW: [&str; 3] = [TURNING_CIRCLE, ACROSS_LANES, U_TURN];
+const NEW: [&str; 4] = [TURNING_CIRCLE, ACROSS_LANES, U_TURN, WRONG_LANE];
 
 /// Why an attack is not believable.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
-    /// `contact_depth`, `against_traffic`, `across_lanes`, `turning_circle`, `u_turn`, or the violated rule.
+    /// `contact_depth`, `against_traffic`, `across_lanes`, `turning_circle`, `u_turn`, `wrong_lane`, or the violated rule.
     pub reason: Cow<'static, str>,
     /// The measured value: depth in metres, time against the traffic or across the lanes in seconds, turn in rad/m, or time
-    /// of the U-turn or of the first violation after *now* in seconds.
+    /// after *now* of the U-turn, the turn from the wrong lane or the first violation in seconds.
     pub value: f64,
     /// The limit that it breaks; `None` for a violated rule.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,6 +65,7 @@ impl Reason {
             (ACROSS_LANES, _) => format!("{value:.1} s across the lanes"),
             (TURNING_CIRCLE, _) => format!("turns within {:.1} m", value.recip()),
             (U_TURN, _) => format!("U-turn without a lane after {value:.1} s"),
+            (WRONG_LANE, _) => format!("turns from the wrong lane after {value:.1} s"),
             (rule, _) => format!("{} after {value:.1} s", rule.replace('_', " ")),
         }
     }
@@ -112,6 +114,9 @@ pub fn doubts(situation: &Situation, violations: &[Violation]) -> Option<Vec<Rea
     if let Some(step) = u_turn(candidate, ctx, before()) {
         reasons.push(Reason { reason: U_TURN.into(), value: step as f64 * DT, limit: None });
     }
+    if let Some(step) = turn_from_wrong_lane(candidate, ctx) {
+        reasons.push(Reason { reason: WRONG_LANE.into(), value: step as f64 * DT, limit: None });
+    }
     Some(reasons)
 }
 
@@ -132,6 +137,7 @@ pub fn drives_believably(situation: &Situation) -> bool {
     tight_turn(candidate, TURN).is_none()
         && across_lanes(candidate, ctx, before()) <= MAX_ACROSS + 0.5 * DT
         && u_turn(candidate, ctx, before()).is_none()
+        && turn_from_wrong_lane(candidate, ctx).is_none()
 }
 
 /// Whether an attack is believable by `believable-1`.

@@ -1,20 +1,25 @@
 //! Drivers under test that the user names.
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use anyhow::{Context as _, Result, bail};
 use sage_core::{files, registry::Entry};
 use sage_data::MAX_SCENE_FILE;
 use sage_sim::{
+    SimScene,
+    attack_test::AttackTest,
     policy::{EgoPolicy, Td3},
+    reference::Reference,
     rl::read_policy,
 };
 use serde_json::{Value, json};
 
-use crate::{Registries, part::PolicyPart};
+use crate::{Registries, part::PolicyPart, references};
 
 /// A driver under test.
 pub struct Ego {
+    /// Its name.
+    pub name: String,
     /// Its name and options, as tables show them.
     pub label: String,
     /// Name of its random streams: without red lights that of earlier versions, so that intervals keep their bits.
@@ -25,6 +30,8 @@ pub struct Ego {
     pub is_program: bool,
     /// What the user should know about its file.
     pub note: Option<String>,
+    /// The drivers that say whether its contacts are preventable.
+    pub references: Vec<Reference>,
 }
 
 impl Ego {
@@ -47,8 +54,32 @@ impl Ego {
         }
         let mut earlier = named.clone();
         earlier.0.options.retain(|key, value| key != "red_lights" || *value != json!(false));
+        let references = references::references(&references::default_names(), &part.name, registries)?;
         let (label, stream) = (named.to_string(), earlier.to_string());
-        Ok(Self { label, stream, policy, is_program: named.is_program(), note })
+        Ok(Self {
+            name: part.name.clone(),
+            label,
+            stream,
+            policy,
+            is_program: named.is_program(),
+            note,
+            references,
+        })
+    }
+
+    /// Its test in a scene.
+    ///
+    /// *Errors*: as [`AttackTest::new`].
+    pub fn test(&self, scene: &Arc<SimScene>, seed: u64) -> Result<AttackTest<'_>, sage_sim::Error> {
+        Ok(AttackTest::new(&*self.policy, scene, seed)?.with_references(&self.references))
+    }
+
+    /// Takes other reference drivers than the default ones.
+    ///
+    /// *Errors*: as [`references::references`].
+    pub fn with_references(mut self, names: &[String], registries: &Registries) -> Result<Self> {
+        self.references = references::references(names, &self.name, registries)?;
+        Ok(self)
     }
 
     /// Builds several policies.

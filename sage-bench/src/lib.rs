@@ -6,7 +6,7 @@
 //! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`table`]: Markdown and CSV. [`published`]: numbers of
 //!   the paper.
 //! - What users name, as studies, commands and programs give it: [`part`], [`operating_point`], [`selection`], [`weights`],
-//!   [`generators`] and [`named_generator`], [`ego`], [`react`], [`search`] and [`named_search`].
+//!   [`generators`] and [`named_generator`], [`ego`] and [`references`], [`react`], [`search`] and [`named_search`].
 
 pub mod chart;
 pub mod curve;
@@ -24,6 +24,7 @@ pub mod part;
 pub mod plan;
 pub mod published;
 pub mod react;
+pub mod references;
 mod registries;
 pub mod report;
 pub mod rows;

@@ -95,7 +95,7 @@ impl<'t> DriverInScene<'t> {
     fn new(ego: &'t Ego, simulated: &Result<Arc<SimScene>, sage_sim::Error>, seed: u64) -> Result<Self> {
         let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
         simulated.scene().check_apart_now()?;
-        let test = AttackTest::new(&*ego.policy, simulated, seed)?;
+        let test = ego.test(simulated, seed)?;
         let ctx = test.context()?;
         ctx.check_apart_now()?;
         Ok(Self { test, ctx })

@@ -17,6 +17,7 @@ use crate::{
     episode::{Episode, EpisodeContact, Progress, Verdict},
     policy::EgoPolicy,
     red_lights::over_red,
+    reference::Reference,
     scene::SimScene,
     traffic::Plan,
     unattacked::{UnattackedDrive, until_contact},
@@ -30,6 +31,7 @@ pub struct AttackTest<'p> {
     seed: u64,
     unattacked: Drive,
     car: Vehicle,
+    references: &'p [Reference],
 }
 
 impl<'p> AttackTest<'p> {
@@ -39,7 +41,36 @@ impl<'p> AttackTest<'p> {
     pub fn new(policy: &'p dyn EgoPolicy, scene: &Arc<SimScene>, seed: u64) -> Result<Self, Error> {
         let mut simulation = Simulation::new(scene, &Arc::default(), None, policy, seed)?;
         let unattacked = drive(&mut simulation)?;
-        Ok(Self { policy, scene: scene.clone(), seed, unattacked, car: *simulation.world().car() })
+        Ok(Self {
+            policy,
+            scene: scene.clone(),
+            seed,
+            unattacked,
+            car: *simulation.world().car(),
+            references: &[],
+        })
+    }
+
+    /// The test with drivers that say whether a contact is preventable.
+    #[must_use]
+    pub fn with_references(mut self, references: &'p [Reference]) -> Self {
+        self.references = references;
+        self
+    }
+
+    /// Drivers that say whether a contact is preventable.
+    pub fn references(&self) -> &'p [Reference] {
+        self.references
+    }
+
+    /// The scene in motion.
+    pub(crate) fn simulated(&self) -> &Arc<SimScene> {
+        &self.scene
+    }
+
+    /// Seed of the drives.
+    pub(crate) fn seed(&self) -> u64 {
+        self.seed
     }
 
     /// Whether the driver repeats the recording.

@@ -50,7 +50,8 @@ pub struct Simulation {
     reacting: Option<Reacting>,
     driving: Driving,
     observation: ObservationKind,
-    is_posed: bool,
+    /// What the ego did in the last step.
+    control: Option<Control>,
     /// What the ego's driver showed of the last step.
     shown: Option<Shown>,
 }
@@ -109,7 +110,7 @@ impl Simulation {
         let observation = policy.observes();
         let driving =
             Driving::start(observation, observation.route(scene), Localization::Nearest, world.motion());
-        Ok(Self { world, ego, adversary: None, reacting, driving, observation, is_posed: false, shown: None })
+        Ok(Self { world, ego, adversary: None, reacting, driving, observation, control: None, shown: None })
     }
 
     /// Lets a policy drive the adversary, from now on. A reaction of its plan then does not happen.
@@ -165,13 +166,25 @@ impl Simulation {
 
     /// Whether the last control set the car's pose: contacts then do not change the drive.
     pub fn is_posed(&self) -> bool {
-        self.is_posed
+        matches!(self.control, Some(Control::Pose { .. }))
     }
 
     /// Advances by one step.
     ///
     /// *Errors*: as [`Driver::control`] and [`World::step`].
     pub fn step(&mut self) -> Result<(), Error> {
+        self.advance(None)
+    }
+
+    /// Advances by one step in which the ego does what another driver did. Its own driver sees what it would have seen, and
+    /// what it does is dropped.
+    ///
+    /// *Errors*: as [`Simulation::step`].
+    pub(crate) fn watch(&mut self, control: Control) -> Result<(), Error> {
+        self.advance(Some(control))
+    }
+
+    fn advance(&mut self, in_place: Option<Control>) -> Result<(), Error> {
         let mut theirs = match &mut self.reacting {
             Some(reacting) => reacting.control(&mut self.world)?,
             None => None,
@@ -179,7 +192,8 @@ impl Simulation {
         let world = &self.world;
         let observed = Observed { driving: &self.driving, kind: self.observation };
         let scene = world.scene();
-        let control = self.ego.control_ego(world, Some(observed))?;
+        let own = self.ego.control_ego(world, Some(observed))?;
+        let control = in_place.unwrap_or(own);
         self.shown = self.ego.driver.shown();
         if let (Some((driver, [route, log])), Some((motion, body))) =
             (&mut self.adversary, world.adversary_motion())
@@ -200,7 +214,7 @@ impl Simulation {
             theirs = Some(driver.driver.control(&View::new(world, vehicle, driver.knowledge, None))?);
         }
         self.world.step(control, theirs)?;
-        self.is_posed = matches!(control, Control::Pose { .. });
+        self.control = Some(control);
         let action = match control {
             Control::Drive(action) => action.limited(),
             Control::Pose { .. } => Action::default(),
@@ -224,6 +238,8 @@ pub struct Drive {
     pub off_road: OffRoad,
     /// What the driver showed, in the order of the steps.
     pub shown: Vec<Shown>,
+    /// What the car did in each step.
+    pub(crate) controls: Vec<Control>,
 }
 
 /// When a car leaves the road: it touches an edge, or is on a sidewalk. What it touches at the start does not count
@@ -332,6 +348,7 @@ impl Recorder {
         }
         drive.motions.push(*world.motion());
         drive.shown.extend(simulation.shown.clone());
+        drive.controls.extend(simulation.control);
         drive.progress = drive.progress.max(along(simulation) - self.first);
         let step = world.step_count();
         if world.facts().off_road && drive.off_road == OffRoad::Never {

@@ -5,8 +5,8 @@
 //! - [`Environment`](environment::Environment): reset and step with observation, reward, cost and endings, for
 //!   learning drivers; [`Batch`](batch::Batch) steps many at once.
 //! - [`EgoPolicy`](policy::EgoPolicy): drivers by name ([`policy::policies`]), driven by
-//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`red_lights`] who ran over red, [`avoidable`] whether a driver could have
-//!   avoided an attack.
+//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`red_lights`] who ran over red, [`reference`] whether another driver prevents it,
+//!   [`avoidable`] whether a manoeuvre exists that does.
 //! - [`AttackTest`](attack_test::AttackTest): a driver before an attack and under it.
 //!
 //! A policy in a scene:
@@ -53,6 +53,7 @@ pub mod queried;
 mod rays;
 mod reacting;
 pub mod red_lights;
+pub mod reference;
 pub mod rl;
 pub mod rollout;
 pub mod route;

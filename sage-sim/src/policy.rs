@@ -23,6 +23,7 @@ mod process;
 mod r157;
 mod replay;
 mod steering;
+mod takeover;
 mod tracking;
 
 use std::{cell::OnceCell, fmt, path::Path, sync::Arc};
@@ -46,6 +47,7 @@ pub use pdm::{Pdm, PdmOptions};
 pub use process::{Process, ProcessOptions, kill_programs};
 pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
+pub use takeover::{Takeover, TakeoverOptions};
 pub use tracking::Tracking;
 
 use crate::{
@@ -89,6 +91,7 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, sage_core::Error> {
         .with::<Tracking>()?
         .with::<ConstantSpeed>()?
         .with::<Constant>()?
+        .with::<Takeover>()?
         .with::<PathPolicy>()?;
     #[cfg(unix)]
     let registry = registry.with::<Process>()?;

@@ -237,7 +237,7 @@ impl SearchResult {
         let without_error = || self.driven.iter().filter(|evaluated| evaluated.error.is_none());
         let best = without_error().map(|evaluated| {
             let met = evaluated.contact.is_some();
-            let missing = evaluated.clauses.first_missing(requirement).unwrap_or(Clause::Avoidable);
+            let missing = evaluated.clauses.first_missing(requirement).unwrap_or(Clause::Preventable);
             if missing == Clause::Attack && !met { Reason::NeverHit } else { Reason::missing(missing) }
         });
         self.reached = best.max();

@@ -15,15 +15,19 @@ use super::{
     converting::{ego_modes, standards},
     help::{ATTACK, DRIVER, OUTPUT, RUN, SEARCH, SELECTION},
 };
-use crate::part::{Part, PolicyPart};
+use crate::{
+    part::{Part, PolicyPart},
+    references,
+};
 
 /// Search for failures of a driver: drive against many plans of the adversary.
 ///
 /// SCENE is a scene file, a TFRecord file, a record (FILE#3), or a folder of them. In each scene the driver drives the unchanged
 /// scene once, and then up to --budget times against a plan of the adversary; what it has done decides which plan is next.
 /// A plan is a failure if its attacked drive meets all clauses of --require: `attack` (the first contact is with the
-/// adversary, and not there without the attack), `believable`, `at-fault` (by nuPlan's rule), and `avoidable` (an evasive
-/// manoeuvre exists). `believable-1` is the definition of `believable` before plans had limits of turns.
+/// adversary, and not there without the attack), `believable`, `at-fault` (by nuPlan's rule), and `preventable` (a reference
+/// driver, which does not know the plan, takes over *now* and prevents the contact). `avoidable` asks whether an evasive manoeuvre exists,
+/// knowing the plan; `believable-1` is the definition of `believable` before plans had limits of turns.
 ///
 /// The plans are those of SAGE at five lambda, of its mixtures with the lawful expert, and of random goals, as far as they are
 /// feasible (--feasibility, by default `drivable`). --method searches the plans of one generator instead; `king`,
@@ -55,6 +59,10 @@ pub(crate) struct SearchArgs {
     /// Comma-separated clauses that make a plan a failure.
     #[arg(long, help_heading = SEARCH, value_name = "CLAUSES", default_value_t = Requirement::default())]
     pub require: Requirement,
+    /// Reference drivers, asked in this order whether they prevent the contact, up to the first that does; the driver under test
+    /// is none of them.
+    #[arg(long, help_heading = SEARCH, value_name = "NAMES", value_delimiter = ',', default_values_t = references::default_names())]
+    pub reference: Vec<String>,
     /// Stop in each scene at the first failure.
     #[arg(long, help_heading = SEARCH)]
     pub first: bool,

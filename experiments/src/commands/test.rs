@@ -9,7 +9,6 @@ use sage_core::{files, objective::Feasibility, scene::SceneIndex};
 use sage_data::{MAX_SCENE_FILE, Recording};
 use sage_sim::{
     SimScene,
-    attack_test::AttackTest,
     search::{
         Clauses, Evaluated, Met,
         suite::{self, SCENES, Suite, SuiteTest, VERSION},
@@ -209,7 +208,7 @@ fn drive<'s>(
         }
     };
     let unattacked = caught(|| {
-        let test = AttackTest::new(&*ego.policy, &simulated, seed)?;
+        let test = ego.test(&simulated, seed)?;
         Ok((test.context()?, test))
     });
     let before = clock.elapsed().as_secs_f64() / tests.len() as f64;

@@ -14,8 +14,10 @@ pub enum Clause {
     Believable,
     /// nuPlan's rule gives the fault to the ego. Unknown is no.
     AtFault,
-    /// A search finds an evasive manoeuvre from a state of this drive.
+    /// A search that knows the plan finds an evasive manoeuvre from a state of this drive.
     Avoidable,
+    /// A reference driver, which does not know the plan, prevents the contact.
+    Preventable,
     /// [`Clause::Believable`] by its definition before, which suites of version 1 ask: without turns and the time across lanes.
     #[serde(rename = "believable-1")]
     Believable1,
@@ -23,7 +25,7 @@ pub enum Clause {
 
 impl Clause {
     /// The clauses that make a failure by default, in the order in which they are asked.
-    pub const ALL: [Self; 4] = [Self::Attack, Self::Believable, Self::AtFault, Self::Avoidable];
+    pub const ALL: [Self; 4] = [Self::Attack, Self::Believable, Self::AtFault, Self::Preventable];
 
     /// Name on the command line and in rows.
     pub fn name(self) -> &'static str {
@@ -32,6 +34,7 @@ impl Clause {
             Self::Believable => "believable",
             Self::AtFault => "at-fault",
             Self::Avoidable => "avoidable",
+            Self::Preventable => "preventable",
             Self::Believable1 => "believable-1",
         }
     }
@@ -54,11 +57,17 @@ impl fmt::Display for Clause {
 pub struct Requirement([bool; NAMED.len()]);
 
 /// All clauses that can be named, in the order in which they are asked.
-const NAMED: [Clause; 5] =
-    [Clause::Attack, Clause::Believable1, Clause::Believable, Clause::AtFault, Clause::Avoidable];
+const NAMED: [Clause; 6] = [
+    Clause::Attack,
+    Clause::Believable1,
+    Clause::Believable,
+    Clause::AtFault,
+    Clause::Avoidable,
+    Clause::Preventable,
+];
 
 impl Default for Requirement {
-    /// All clauses.
+    /// [`Clause::ALL`].
     fn default() -> Self {
         Self::of(&Clause::ALL)
     }
@@ -135,6 +144,9 @@ pub struct Clauses {
     pub at_fault: Option<bool>,
     /// [`Clause::Avoidable`].
     pub avoidable: Option<bool>,
+    /// [`Clause::Preventable`].
+    #[serde(default)]
+    pub preventable: Option<bool>,
     /// [`Clause::Believable1`].
     #[serde(default, rename = "believable-1", skip_serializing_if = "Option::is_none")]
     pub believable_1: Option<bool>,
@@ -148,6 +160,7 @@ impl Clauses {
             Clause::Believable => self.believable == Some(true),
             Clause::AtFault => self.at_fault == Some(true),
             Clause::Avoidable => self.avoidable == Some(true),
+            Clause::Preventable => self.preventable == Some(true),
             Clause::Believable1 => self.believable_1 == Some(true),
         }
     }
@@ -188,13 +201,15 @@ pub enum Reason {
     NotAtFault,
     /// No evasive manoeuvre was found in any of the attacks that meet the other clauses.
     NotShownAvoidable,
+    /// No reference driver prevents the contact in any of the attacks that meet the other clauses.
+    NotPreventable,
     /// The budget ended before the plans did.
     Budget,
 }
 
 impl Reason {
     /// All reasons.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Error,
         Self::NoFeasiblePlan,
         Self::NeverHit,
@@ -202,6 +217,7 @@ impl Reason {
         Self::NotBelievable,
         Self::NotAtFault,
         Self::NotShownAvoidable,
+        Self::NotPreventable,
         Self::Budget,
     ];
 
@@ -212,6 +228,7 @@ impl Reason {
             Clause::Believable | Clause::Believable1 => Self::NotBelievable,
             Clause::AtFault => Self::NotAtFault,
             Clause::Avoidable => Self::NotShownAvoidable,
+            Clause::Preventable => Self::NotPreventable,
         }
     }
 
@@ -225,6 +242,7 @@ impl Reason {
             Self::NotBelievable => "no attack is believable",
             Self::NotAtFault => "never the driver's fault",
             Self::NotShownAvoidable => "no evasive manoeuvre was found",
+            Self::NotPreventable => "no reference driver prevents the contact",
             Self::Budget => "the budget ended before the plans did",
         }
     }
@@ -238,15 +256,15 @@ mod tests {
     fn a_requirement_is_read_and_printed_and_always_has_the_attack() {
         let requirement: Requirement = "at-fault, believable".parse().unwrap();
         assert_eq!(requirement.to_string(), "attack,believable,at-fault");
-        assert_eq!(Requirement::default().to_string(), "attack,believable,at-fault,avoidable");
+        assert_eq!(Requirement::default().to_string(), "attack,believable,at-fault,preventable");
         let text = serde_json::to_string(&requirement).unwrap();
         assert_eq!(serde_json::from_str::<Requirement>(&text).unwrap(), requirement);
         let error = "solid".parse::<Requirement>().unwrap_err();
         assert_eq!(
             error,
-            "`solid` is no clause; known: attack, believable-1, believable, at-fault, avoidable"
+            "`solid` is no clause; known: attack, believable-1, believable, at-fault, avoidable, preventable"
         );
-        assert_eq!(Requirement::default().before().to_string(), "attack,believable-1,at-fault,avoidable");
+        assert_eq!(Requirement::default().before().to_string(), "attack,believable-1,at-fault,preventable");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Drives against one plan, and answers the clauses.
 
-use std::collections::HashMap;
+use std::{cell::OnceCell, collections::HashMap};
 
 use sage_core::{
     generator::Proposal,
@@ -17,6 +17,7 @@ use crate::{
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     episode::Progress,
     fault::FaultClass,
+    reference::{Answer, Watching},
     vehicle::{Motion, SUBSTEP, SUBSTEPS},
 };
 
@@ -54,6 +55,9 @@ pub struct Evaluated {
     /// Whether there is an evasive manoeuvre within the limits of UN R157's driver; asked of avoidable attacks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub avoidable_r157: Option<bool>,
+    /// The reference drivers that were asked whether the contact is preventable.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub references: Vec<Answer>,
     /// What went wrong, if the driver gave an error.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
@@ -69,6 +73,7 @@ impl Evaluated {
             reward: 0.0,
             time_to_react: None,
             avoidable_r157: None,
+            references: Vec::new(),
             error: Some(error),
         }
     }
@@ -83,6 +88,8 @@ pub(super) struct Evaluator<'t> {
     until_now: Option<Progress>,
     requirement: Requirement,
     search: AvoidanceOptions,
+    /// The reference drivers, once they are asked.
+    watching: OnceCell<Watching<'t>>,
 }
 
 impl<'t> Evaluator<'t> {
@@ -93,7 +100,8 @@ impl<'t> Evaluator<'t> {
         requirement: Requirement,
         search: AvoidanceOptions,
     ) -> Self {
-        Self { test, ctx, until_now: test.until_now(), requirement, search }
+        let watching = OnceCell::new();
+        Self { test, ctx, until_now: test.until_now(), requirement, search, watching }
     }
 
     /// Drives against a plan.
@@ -122,6 +130,7 @@ impl<'t> Evaluator<'t> {
             reward: outcome.reward(),
             time_to_react: None,
             avoidable_r157: None,
+            references: Vec::new(),
             error: None,
         };
         let Some(step) = evaluated.contact.as_ref().map(|met| met.step as usize) else {
@@ -136,9 +145,12 @@ impl<'t> Evaluator<'t> {
         evaluated.clauses.believable_1 = Some(believable_1);
         evaluated.clauses.believable = Some(believable_1 && drives_believably(&situation));
         evaluated.clauses.at_fault = Some(outcome.verdict.at_fault);
-        let others = self.requirement.clauses().filter(|clause| *clause != Clause::Avoidable);
-        if self.requirement.holds(Clause::Avoidable) && others.into_iter().all(|c| evaluated.clauses.holds(c))
-        {
+        let is_dear = |clause: &Clause| matches!(clause, Clause::Avoidable | Clause::Preventable);
+        let mut others = self.requirement.clauses().filter(|clause| !is_dear(clause));
+        if !others.all(|clause| evaluated.clauses.holds(clause)) {
+            return Ok(evaluated);
+        }
+        if self.requirement.holds(Clause::Avoidable) || self.requirement.holds(Clause::Preventable) {
             let time = Avoidance::new(&ctx, self.search)?.time_to_react(&plan.candidate, step);
             evaluated.clauses.avoidable = Some(time.is_some());
             evaluated.time_to_react = time;
@@ -147,7 +159,20 @@ impl<'t> Evaluator<'t> {
                 evaluated.avoidable_r157 = Some(r157.time_to_react(&plan.candidate, step).is_some());
             }
         }
+        if self.requirement.holds(Clause::Preventable) {
+            let prevention = self.watching()?.prevention(plan.candidate.trajectory())?;
+            evaluated.clauses.preventable = Some(prevention.by().is_some());
+            evaluated.references = prevention.answers;
+        }
         Ok(evaluated)
+    }
+
+    fn watching(&self) -> Result<&Watching<'t>, Error> {
+        if let Some(watching) = self.watching.get() {
+            return Ok(watching);
+        }
+        let watching = Watching::new(self.test)?;
+        Ok(self.watching.get_or_init(|| watching))
     }
 
     /// The search for an evasive manoeuvre in an attacked drive, with its witness.

@@ -5,6 +5,7 @@ use std::path::Path;
 use sage_core::{files, motion::Trajectory, objective::kinematic_penalty};
 use sage_sim::{
     avoidable::Avoidable,
+    reference::Answer,
     search::{Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement, SearchResult},
 };
 use serde::{Deserialize, Serialize};
@@ -226,16 +227,20 @@ pub(crate) struct EvaluatedRow<'r> {
     clauses: Clauses,
     reward: f64,
     avoidable_r157: Option<bool>,
+    /// The reference drivers that were asked whether they prevent the contact.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    references: &'r [Answer],
 }
 
 impl<'r> EvaluatedRow<'r> {
     pub(crate) fn of(evaluated: &'r Evaluated) -> Self {
-        let Evaluated { contact, clauses, reward, avoidable_r157, .. } = evaluated;
+        let Evaluated { contact, clauses, reward, avoidable_r157, references, .. } = evaluated;
         Self {
             contact: contact.as_ref(),
             clauses: *clauses,
             reward: *reward,
             avoidable_r157: *avoidable_r157,
+            references,
         }
     }
 }

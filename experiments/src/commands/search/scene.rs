@@ -10,7 +10,6 @@ use sage_core::{
 use sage_data::{Recording, checks};
 use sage_sim::{
     SimScene,
-    attack_test::AttackTest,
     search::{Failure as DriverFailure, Pool, Reason, SearchResult},
     vehicle::Motion,
 };
@@ -110,8 +109,7 @@ impl OneScene<'_> {
         let index = SceneIndex::new(scene.map.clone());
         let simulated = SimScene::new(scene.clone(), index)?;
         let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
-        let test =
-            AttackTest::new(&*searcher.ego.policy, &simulated, args.attack.seed).with_context(failed)?;
+        let test = searcher.ego.test(&simulated, args.attack.seed).with_context(failed)?;
         let ctx = test.context()?;
         ctx.check_apart_now()?;
         let rule = &searcher.rule().objective;

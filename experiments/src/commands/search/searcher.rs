@@ -6,7 +6,7 @@ use sage_bench::{
     operating_point::OperatingPoints,
 };
 use sage_data::openscenario::Options;
-use sage_sim::search::SearchOptions;
+use sage_sim::search::{Clause, SearchOptions};
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -39,7 +39,8 @@ impl<'a> Searcher<'a> {
         if !is_scenario && (args.standard.is_some() || args.scenario_ego.is_some()) {
             bail!("--standard and --scenario-ego need --format openscenario");
         }
-        let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
+        let ego = Ego::new(&args.planner.applied(&args.ego), registries)?
+            .with_references(&args.reference, registries)?;
         progress::say_notes(std::slice::from_ref(&ego));
         ensure!(
             args.method.is_some() || args.attack.options.is_none(),
@@ -128,6 +129,9 @@ impl<'a> Searcher<'a> {
         let files = self.plans().files();
         if !files.is_empty() {
             identity["files"] = json!(files);
+        }
+        if self.options.require.holds(Clause::Preventable) {
+            identity["references"] = json!(self.args.reference);
         }
         let reading = self.args.reading.identity();
         if !reading.is_null() {

@@ -1,0 +1,135 @@
+//! Reference drivers: whether a contact of the driver under test is *preventable*, by a driver that does not know the plan.
+//!
+//! A reference watches the drive of the driver under test up to *now*: it sees what that one sees, and what it would do is
+//! dropped. At *now* it takes the car over, and drives to the end of the recording. It *prevents* the contact if it has none
+//! with the adversary and none at its own fault with anybody, and stays on the road. References are asked in their order,
+//! up to the first that prevents the contact.
+
+use std::sync::Arc;
+
+use sage_core::motion::{HORIZON, NOW, Trajectory};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    Error,
+    attack_test::AttackTest,
+    drive::{Recorder, Simulation},
+    fault::classify,
+    policy::EgoPolicy,
+    scene::LAST_FRAME,
+    traffic::Plan,
+    vehicle::Motion,
+};
+
+/// Names of the default references, in the order in which they are asked.
+pub const DEFAULT: [&str; 4] = ["r157", "idm", "pdm", "expert"];
+
+/// A reference driver.
+pub struct Reference {
+    /// Its name, as rows show it.
+    pub name: String,
+    /// The driver.
+    pub policy: Box<dyn EgoPolicy>,
+}
+
+/// What a reference does in place of the driver under test.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// Its name.
+    pub reference: String,
+    /// Whether it prevents the contact; `None` if it cannot drive here, which counts as no.
+    pub prevents: Option<bool>,
+}
+
+/// How a contact is prevented, or not.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Prevention {
+    /// The references that were asked; only the last can have prevented the contact.
+    pub answers: Vec<Answer>,
+    /// The motions of the last one at *now* and each frame after it.
+    pub motions: Vec<Motion>,
+}
+
+impl Prevention {
+    /// The reference that prevents the contact.
+    pub fn by(&self) -> Option<&str> {
+        self.answers.last().filter(|answer| answer.prevents == Some(true)).map(|answer| &*answer.reference)
+    }
+}
+
+/// References that have watched the driver of a test up to *now*.
+pub struct Watching<'r> {
+    references: Vec<(&'r str, Option<Simulation>)>,
+    adversary: usize,
+}
+
+impl<'r> Watching<'r> {
+    /// Lets references watch. One that cannot drive here, or not be copied, answers `None`.
+    ///
+    /// *Errors*: the scene has no adversary.
+    pub fn new(test: &AttackTest<'r>) -> Result<Self, Error> {
+        let scene = test.simulated();
+        let adversary = scene.scene().adversary_index()?;
+        // Plans are the log up to *now*.
+        let log = Trajectory::new("log", vec![scene.scene().tracks[adversary].point(NOW); HORIZON])?;
+        let plan = Arc::new(Plan::of_adversary(scene.scene(), &log)?);
+        let watch = |reference: &'r Reference| -> Result<Simulation, Error> {
+            let plan = Some(plan.clone());
+            let mut simulation =
+                Simulation::new(scene, &Arc::default(), plan, &*reference.policy, test.seed())?;
+            for control in test.unattacked().controls.iter().take(NOW) {
+                simulation.watch(*control)?;
+            }
+            simulation.try_clone()?;
+            Ok(simulation)
+        };
+        let references =
+            test.references().iter().map(|reference| (&*reference.name, watch(reference).ok())).collect();
+        Ok(Self { references, adversary })
+    }
+
+    /// Asks the references for a plan, up to the first that prevents the contact.
+    ///
+    /// *Errors*: the plan is none for this scene.
+    pub fn prevention(&self, plan: &Trajectory) -> Result<Prevention, Error> {
+        let mut prevention = Prevention::default();
+        for (name, simulation) in &self.references {
+            let driven = match simulation {
+                Some(simulation) => {
+                    let plan = Arc::new(Plan::of_adversary(simulation.world().scene().scene(), plan)?);
+                    self.drive(simulation, plan).ok()
+                }
+                None => None,
+            };
+            let prevents = driven.as_ref().map(|(prevents, _)| *prevents);
+            prevention.motions = driven.map_or(Vec::new(), |(_, motions)| motions);
+            prevention.answers.push(Answer { reference: (*name).to_owned(), prevents });
+            if prevents == Some(true) {
+                break;
+            }
+        }
+        Ok(prevention)
+    }
+
+    /// Whether a reference prevents the contact, and its motions from *now* on.
+    fn drive(&self, at_now: &Simulation, plan: Arc<Plan>) -> Result<(bool, Vec<Motion>), Error> {
+        let mut simulation = at_now.try_clone()?;
+        simulation.replace_plan(plan)?;
+        let mut recorder = Recorder::new(&simulation);
+        let last = LAST_FRAME.min(simulation.world().scene().scene().frames - 1);
+        while simulation.world().step_count() < last {
+            simulation.step()?;
+            let new = recorder.record(&simulation);
+            let (world, drive) = (simulation.world(), recorder.drive());
+            let fails = |contact: &crate::drive::DriveContact| {
+                contact.other.track == self.adversary
+                    || classify(contact, world.car(), world.scene().index()).is_at_fault() == Some(true)
+            };
+            let contacts = &drive.contacts[drive.contacts.len() - new..];
+            if drive.off_road.step().is_some() || contacts.iter().any(fails) {
+                return Ok((false, recorder.finish().motions));
+            }
+        }
+        Ok((true, recorder.finish().motions))
+    }
+}

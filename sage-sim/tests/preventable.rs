@@ -1,0 +1,130 @@
+//! Laws of reference drivers.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+use std::sync::Arc;
+
+use sage_core::{
+    motion::{HORIZON, NOW, Trajectory},
+    scene::SceneIndex,
+};
+use sage_data::procedural::{Kind, generate};
+use sage_sim::{
+    SimScene,
+    attack_test::AttackTest,
+    policy::{EgoPolicy, policies},
+    reference::{Reference, Watching},
+};
+use serde_json::json;
+
+fn policy(name: &str, options: serde_json::Value) -> Box<dyn EgoPolicy> {
+    policies().unwrap().build(name, &options).unwrap()
+}
+
+fn named(name: &str) -> Reference {
+    Reference { name: name.to_owned(), policy: policy(name, json!({})) }
+}
+
+/// Scenes, each with plans straight to where the recorded ego is after some steps.
+fn scenes() -> Vec<(Arc<SimScene>, Vec<Trajectory>)> {
+    let kinds = [Kind::FourWay, Kind::Merge, Kind::Straight, Kind::Curve];
+    let scene = |(seed, kind): (u64, Kind)| {
+        let scene = generate(kind, seed, 0)?;
+        let index = SceneIndex::new(scene.map.clone());
+        let simulated = SimScene::new(Arc::new(scene), index).unwrap();
+        let [x, y] = simulated.scene().adversary().unwrap().point(NOW);
+        let plan = |meets: usize| {
+            let [to_x, to_y] = simulated.scene().ego().point(NOW + meets);
+            let at = |step: usize| {
+                let share = step as f64 / meets as f64;
+                [x + share * (to_x - x), y + share * (to_y - y)]
+            };
+            Trajectory::new("straight", (1..=HORIZON).map(at).collect()).unwrap()
+        };
+        let plans = [15, 25, 35, 50].map(plan).to_vec();
+        Some((simulated, plans))
+    };
+    (0..12).zip(kinds.into_iter().cycle()).filter_map(scene).collect()
+}
+
+#[test]
+fn a_reference_drives_as_the_policy_that_takes_over() {
+    let tested = policy("idm", json!({}));
+    let (mut prevented, mut not) = (0, 0);
+    for (scene, plans) in scenes() {
+        for name in ["r157", "pdm", "expert", "idm"] {
+            let references = [named(name)];
+            let test = AttackTest::new(&*tested, &scene, 3).unwrap().with_references(&references);
+            let watching = Watching::new(&test).unwrap();
+            let takeover = policy("takeover", json!({"first": {"name": "idm"}, "then": {"name": name}}));
+            let other = AttackTest::new(&*takeover, &scene, 3).unwrap();
+            for plan in &plans {
+                let prevention = watching.prevention(plan).unwrap();
+                let outcome = other.attack(plan, true).unwrap();
+                let driven = &outcome.episode.drive.motions[NOW..];
+                let shared = driven.len().min(prevention.motions.len());
+                assert_eq!(driven[..shared], prevention.motions[..shared], "{name}: the same bits");
+                let adversary = scene.scene().adversary_index().unwrap();
+                let contacts = &outcome.episode.contacts;
+                let fails = |contact: &sage_sim::episode::EpisodeContact| {
+                    contact.contact.other.track == adversary || contact.class.is_at_fault() == Some(true)
+                };
+                let is_whole = prevention.motions.len() == scene.scene().frames.min(91) - NOW;
+                if prevention.by() == Some(name) {
+                    assert!(!contacts.iter().any(fails) && is_whole);
+                    prevented += 1;
+                } else {
+                    not += 1;
+                    // What it fails at is seen in the episode, unless that ended with a contact that is not its fault.
+                    let is_off = outcome.episode.drive.off_road.step().is_some();
+                    assert!(is_off || !contacts.is_empty(), "{name}");
+                }
+            }
+        }
+    }
+    assert!(prevented > 20 && not > 20, "{prevented} prevented, {not} not");
+}
+
+#[test]
+fn references_are_asked_in_their_order_up_to_the_first_that_prevents() {
+    let tested = policy("constant", json!({"throttle": 1.0}));
+    // One that stands cannot be at fault with anybody who moves; one that accelerates can.
+    let stands =
+        || Reference { name: "stands".to_owned(), policy: policy("constant", json!({"throttle": -1.0})) };
+    let again =
+        || Reference { name: "again".to_owned(), policy: policy("constant", json!({"throttle": 1.0})) };
+    let orders = [vec![stands(), again()], vec![again(), stands()], vec![again()], vec![]];
+    let mut asked = [0; 4];
+    for (scene, plans) in scenes() {
+        for (k, references) in orders.iter().enumerate() {
+            let test = AttackTest::new(&*tested, &scene, 0).unwrap().with_references(references);
+            let watching = Watching::new(&test).unwrap();
+            for plan in &plans {
+                let answers = watching.prevention(plan).unwrap().answers;
+                let until = answers.iter().position(|answer| answer.prevents == Some(true));
+                let expected = until.map_or(references.len(), |first| first + 1);
+                assert_eq!(answers.len(), expected, "{answers:?}");
+                let names = references.iter().map(|reference| &reference.name);
+                assert!(answers.iter().map(|answer| &answer.reference).eq(names.take(expected)));
+                asked[k] += answers.len();
+            }
+        }
+    }
+    assert!(asked[0] > asked[2] && asked[3] == 0, "{asked:?}");
+}
+
+#[test]
+fn a_takeover_of_itself_is_no_other_driver() {
+    for (scene, plans) in scenes().into_iter().take(4) {
+        let own = policy("pdm", json!({}));
+        let twice = policy("takeover", json!({"first": {"name": "pdm"}, "then": {"name": "pdm"}}));
+        let [own, twice] = [&own, &twice].map(|policy| AttackTest::new(&**policy, &scene, 1).unwrap());
+        for plan in &plans {
+            let [own, twice] = [&own, &twice].map(|test| test.attack(plan, true).unwrap().episode);
+            assert_eq!(own, twice);
+        }
+    }
+    let error = |options| policies().unwrap().build("takeover", &options).err().unwrap().to_string();
+    assert!(error(json!({"first": {"name": "takeover"}})).contains("expected another policy"));
+    assert!(error(json!({"then": {"name": "nobody"}})).contains("nobody"));
+}

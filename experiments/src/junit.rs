@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 /// What came of a test.
 pub(crate) enum Verdict {
-    Passed,
+    /// With a mark: a contact that is not shown to be the driver's fault, in words.
+    Passed(Option<String>),
     /// Why it failed, in words.
     Failed(String),
     /// It failed, as it did before; why, in words.
@@ -39,7 +40,14 @@ pub(crate) fn report(suite: &str, class: &str, cases: &[Case]) -> String {
         let name = escaped(name);
         let open = format!("    <testcase classname=\"{class}\" name=\"{name}\" time=\"{seconds:.3}\"");
         let _ = match verdict {
-            Verdict::Passed => writeln!(out, "{open}/>"),
+            Verdict::Passed(None) => writeln!(out, "{open}/>"),
+            Verdict::Passed(Some(mark)) => {
+                let mark = escaped(mark);
+                writeln!(
+                    out,
+                    "{open}>\n      <properties>\n        <property name=\"contact\" value=\"{mark}\"/>\n      </properties>\n      <system-out>{mark}</system-out>\n    </testcase>"
+                )
+            }
             Verdict::Failed(why) => {
                 let why = escaped(why);
                 writeln!(out, "{open}>\n      <failure message=\"{why}\"/>\n    </testcase>")
@@ -87,7 +95,8 @@ mod tests {
     fn a_report_counts_and_escapes() {
         let case = |name: &str, verdict| Case { name: name.to_owned(), seconds: 0.25, verdict };
         let cases = [
-            case("13-failure1", Verdict::Passed),
+            case("13-failure1", Verdict::Passed(None)),
+            case("13-failure2", Verdict::Passed(Some("contact after 2.0 s, <not at fault>".to_owned()))),
             case("<script>", Verdict::Failed("hit \"it\" & died".to_owned())),
             case("known", Verdict::Accepted("hit".to_owned())),
             case("a\u{1}b", Verdict::Error("no\nanswer".to_owned())),

@@ -75,7 +75,9 @@ pub(crate) enum Keep {
 
 /// Drive a driver against a test suite.
 ///
-/// A test passes if its plan is no failure of the driver, by the clauses of the suite. Exit status: 0 if all tests pass, else
+/// A test passes if the driver is at fault in no contact, stays on the road, and makes progress: from now on at least half
+/// of what the reference driver does that prevents the contact, or of its own drive without the attack. A contact that is
+/// not its fault, or whose fault is unknown, passes with a mark. Exit status: 0 if all tests pass, else
 /// 1; with --baseline 1 only if a test fails that passed there, or the driver gives an error.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -93,6 +95,12 @@ pub(crate) struct TestArgs {
     pub ego: PolicyPart,
     #[command(flatten)]
     pub planner: PlannerArgs,
+    /// Any contact fails the test, whosever fault it is.
+    #[arg(long, help_heading = RUN)]
+    pub strict: bool,
+    /// A drive beyond nuPlan's bounds of acceleration, jerk and turning, up to its first contact, fails the test.
+    #[arg(long, help_heading = RUN)]
+    pub comfort: bool,
     /// Results of an earlier run (--json): only tests that passed there count as failed.
     #[arg(long, help_heading = RUN, value_name = "FILE")]
     pub baseline: Option<PathBuf>,

@@ -85,6 +85,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
         require: record.search.require,
         feasibility: record.feasibility.clone(),
         avoidable: record.search.avoidable,
+        references: record.references.clone(),
         tests: Vec::new(),
     };
     let mut maker =
@@ -144,6 +145,7 @@ fn check(search: &Found, first: &Found) -> Result<()> {
     ensure!(
         own.search.require == other.search.require
             && own.feasibility == other.feasibility
+            && own.references == other.references
             && own.search.avoidable == other.search.avoidable,
         "it requires other clauses than the first search, or by other rules; make a suite of its own"
     );

@@ -38,6 +38,22 @@ pub struct Met {
     pub class: FaultClass,
 }
 
+impl Met {
+    /// The first contact of an attacked drive.
+    pub(super) fn first(outcome: &AttackOutcome, test: &AttackTest) -> Option<Self> {
+        let contact = outcome.episode.first_contacts().next()?;
+        let other = contact.contact.other.track;
+        Some(Self {
+            step: contact.contact.step as i64 - NOW as i64,
+            track: outcome.track(other).to_owned(),
+            is_adversary: test.scene().adversary == Some(other),
+            overlap: contact.overlap,
+            impact_speed: contact.impact_speed,
+            class: contact.class,
+        })
+    }
+}
+
 /// An attacked drive with the answers to the clauses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluated {
@@ -125,7 +141,7 @@ impl<'t> Evaluator<'t> {
     ) -> Result<Evaluated, Error> {
         let mut evaluated = Evaluated {
             plan: number,
-            contact: self.met(outcome),
+            contact: Met::first(outcome, self.test),
             clauses: Clauses { attack: outcome.verdict.attack, ..Clauses::default() },
             reward: outcome.reward(),
             time_to_react: None,
@@ -186,19 +202,6 @@ impl<'t> Evaluator<'t> {
     ) -> Result<Avoidable, Error> {
         let ctx = self.ctx.with_ego(&path.ego(self.ctx.horizon())?)?;
         Ok(Avoidance::new(&ctx, self.search)?.of_contact(&plan.candidate, Some(step)))
-    }
-
-    fn met(&self, outcome: &AttackOutcome) -> Option<Met> {
-        let contact = outcome.episode.first_contacts().next()?;
-        let other = contact.contact.other.track;
-        Some(Met {
-            step: contact.contact.step as i64 - NOW as i64,
-            track: outcome.track(other).to_owned(),
-            is_adversary: self.ctx.scene().adversary == Some(other),
-            overlap: contact.overlap,
-            impact_speed: contact.impact_speed,
-            class: contact.class,
-        })
     }
 }
 

@@ -1,9 +1,9 @@
 //! A suite: failures kept as tests, which say tomorrow whether a driver got better.
 //!
-//! The version says by which definitions failures were found: those of version 1 know no limit of turns.
+//! A test is an unchanged scene and a plan of the adversary. [`super::passing`] says when a driver passes. The version says by
+//! which definitions failures were found: those of version 1 know no limit of turns, and their tests are judged by the clauses.
 //!
-//! A test is an unchanged scene and a plan of the adversary. A driver passes if the plan is no failure by the clauses of the
-//! suite. A suite may come from anywhere: it holds values and names of files inside its own folder, and nothing in it
+//! A suite may come from anywhere: it holds values and names of files inside its own folder, and nothing in it
 //! names a program.
 
 use std::collections::HashSet;
@@ -41,6 +41,9 @@ pub struct Suite {
     pub feasibility: PartSpec,
     /// The search for an evasive manoeuvre.
     pub avoidable: AvoidanceOptions,
+    /// Names of the reference drivers, in the order in which they are asked.
+    #[serde(default)]
+    pub references: Vec<String>,
     /// The tests.
     pub tests: Vec<SuiteTest>,
 }
@@ -102,6 +105,10 @@ impl Suite {
             return Err(format!("it has {} tests; expected at most {MOST_TESTS}", self.tests.len()));
         }
         self.avoidable.check().map_err(|error| error.to_string())?;
+        if let Some(name) = self.references.iter().find(|name| !is_plain(name)) {
+            let shown: String = name.chars().take(40).collect();
+            return Err(format!("`references` holds {shown:?}; expected names of policies"));
+        }
         let mut names = HashSet::new();
         for (number, test) in self.tests.iter().enumerate() {
             let of_test = |problem: String| Err(format!("test {}: {problem}", number + 1));
@@ -147,7 +154,7 @@ pub fn is_plain(name: &str) -> bool {
         && name.chars().all(is_plain)
 }
 
-/// Drives a driver against the plans of one scene. `ctx` is that of its unattacked drive. `None` for a plan that is not
+/// Drives a driver against a plan, as suites of version 1 ask. `ctx` is that of its unattacked drive. `None` for a plan that is not
 /// feasible by the rule, which cannot be a failure.
 ///
 /// *Errors*: those of [`PlanDrives`].
@@ -192,6 +199,7 @@ mod tests {
             require: Requirement::default(),
             feasibility: PartSpec::default(),
             avoidable: AvoidanceOptions::default(),
+            references: vec!["r157".to_owned()],
             tests: vec![test],
         }
     }
@@ -211,7 +219,7 @@ mod tests {
             Suite { suite: version, feasibility, ..suite() }.as_found()
         };
         let [before, now] = [of(1), of(2)];
-        assert_eq!(before.require.to_string(), "attack,believable-1,at-fault,avoidable");
+        assert_eq!(before.require.to_string(), "attack,believable-1,at-fault,preventable");
         assert_eq!(
             serde_json::to_string(&before.feasibility.options).unwrap(),
             r#"{"lateral":null,"turn":null}"#

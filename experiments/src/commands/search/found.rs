@@ -47,6 +47,9 @@ pub(in crate::commands) struct Found<'a> {
 pub(in crate::commands) struct SearchRecord {
     pub(in crate::commands) search: SearchOptions,
     pub(in crate::commands) feasibility: PartSpec,
+    /// Names of the reference drivers.
+    #[serde(default)]
+    pub(in crate::commands) references: Vec<String>,
 }
 
 /// What other commands need of the row of a failure.

@@ -6,7 +6,7 @@ use sage_bench::{
     operating_point::OperatingPoints,
 };
 use sage_data::openscenario::Options;
-use sage_sim::search::{Clause, SearchOptions};
+use sage_sim::search::SearchOptions;
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -130,9 +130,7 @@ impl<'a> Searcher<'a> {
         if !files.is_empty() {
             identity["files"] = json!(files);
         }
-        if self.options.require.holds(Clause::Preventable) {
-            identity["references"] = json!(self.args.reference);
-        }
+        identity["references"] = json!(self.args.reference);
         let reading = self.args.reading.identity();
         if !reading.is_null() {
             identity["reading"] = reading;

@@ -1,0 +1,267 @@
+//! The result of a test, as a row, as words and as a case of JUnit.
+
+use anyhow::Result;
+use sage_bench::table::Table;
+use sage_sim::search::{
+    Clauses, Evaluated, Met,
+    passing::{Asked, Shortfall, TestDrive},
+    suite::{Suite, SuiteTest},
+};
+use serde::{Deserialize, Serialize};
+
+use super::Earlier;
+use crate::{
+    Outcome,
+    cli::TestArgs,
+    junit::{Case, Verdict},
+    output, progress, terminal,
+};
+
+/// What came of a test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum TestResult {
+    Passed,
+    Failed,
+    Error,
+}
+
+/// The result of a test, as `--json` prints it.
+#[derive(Debug, Serialize)]
+pub(super) struct ResultRow<'s> {
+    pub(super) test: &'s str,
+    /// Which plan it was: another suite may have a test of the same name.
+    plan_hash: &'s str,
+    ego: &'s str,
+    /// Version of the definitions.
+    suite: u32,
+    result: TestResult,
+    /// The driver that the failure was found with.
+    found_with: &'s str,
+    /// Cluster of that failure.
+    cluster: &'s str,
+    #[serde(flatten)]
+    driven: Driven,
+    error: Option<String>,
+    seconds: f64,
+}
+
+/// What the driver did.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Driven {
+    Judged {
+        #[serde(flatten)]
+        drive: TestDrive,
+        /// Why it failed.
+        shortfall: Option<Shortfall>,
+    },
+    /// By the clauses, as suites of version 1 ask.
+    Clauses {
+        contact: Option<Met>,
+        clauses: Clauses,
+        /// The first clause that does not hold, of a test that passed.
+        missing: Option<String>,
+    },
+    Failed {},
+}
+
+/// What a baseline needs of an earlier result.
+#[derive(Deserialize)]
+pub(super) struct EarlierRow {
+    pub(super) test: String,
+    pub(super) plan_hash: String,
+    pub(super) ego: String,
+    pub(super) result: TestResult,
+    /// Rows of version 1 do not name it.
+    #[serde(default = "first_version")]
+    pub(super) suite: u32,
+}
+
+fn first_version() -> u32 {
+    1
+}
+
+impl<'s> ResultRow<'s> {
+    fn new(suite: &Suite, test: &'s SuiteTest, ego: &'s str, driven: Driven, seconds: f64) -> Self {
+        let is_passed = match &driven {
+            Driven::Judged { shortfall, .. } => shortfall.is_none(),
+            Driven::Clauses { missing, .. } => missing.is_some(),
+            Driven::Failed {} => false,
+        };
+        Self {
+            test: &test.name,
+            plan_hash: &test.plan_hash,
+            ego,
+            suite: suite.suite,
+            result: if is_passed { TestResult::Passed } else { TestResult::Failed },
+            found_with: &test.found.ego,
+            cluster: &test.found.cluster,
+            driven,
+            error: None,
+            seconds,
+        }
+    }
+
+    pub(super) fn failed(
+        suite: &Suite,
+        test: &'s SuiteTest,
+        ego: &'s str,
+        error: &anyhow::Error,
+        seconds: f64,
+    ) -> Self {
+        let row = Self::new(suite, test, ego, Driven::Failed {}, seconds);
+        Self { result: TestResult::Error, error: Some(format!("{error:#}")), ..row }
+    }
+
+    pub(super) fn judged(
+        suite: &Suite,
+        test: &'s SuiteTest,
+        ego: &'s str,
+        drive: TestDrive,
+        asked: Asked,
+        seconds: f64,
+    ) -> Self {
+        let shortfall = drive.shortfall(asked);
+        Self::new(suite, test, ego, Driven::Judged { drive, shortfall }, seconds)
+    }
+
+    pub(super) fn by_clauses(
+        suite: &Suite,
+        test: &'s SuiteTest,
+        ego: &'s str,
+        evaluated: Evaluated,
+        seconds: f64,
+    ) -> Self {
+        let Evaluated { clauses, contact, .. } = evaluated;
+        let missing = clauses.first_missing(suite.require).map(|clause| clause.name().to_owned());
+        Self::new(suite, test, ego, Driven::Clauses { contact, clauses, missing }, seconds)
+    }
+
+    /// What happened, in words.
+    fn words(&self) -> String {
+        let after = |met: &Met| format!("contact after {:.1} s", met.step as f64 / 10.0);
+        match (&self.error, &self.driven) {
+            (Some(error), _) => error.clone(),
+            (None, Driven::Judged { drive, shortfall }) => {
+                let speed = |met: &Met| format!("{}, {:.1} m/s", after(met), met.impact_speed);
+                let met = drive.contact.as_ref().map_or("no contact".to_owned(), speed);
+                let fault = || format!("{met}, {}", fault_words(drive));
+                let progress = &drive.progress;
+                match shortfall {
+                    Some(Shortfall::OffRoad) => format!(
+                        "off the road after {:.1} s",
+                        drive.off_road.map_or(0.0, |frame| frame as f64 / 10.0 - 1.0)
+                    ),
+                    Some(Shortfall::NoProgress) => {
+                        let (made, compared, with) = (progress.made, progress.compared, &progress.with);
+                        format!("{met}; {made:.0} m of progress, {compared:.0} m by {with}")
+                    }
+                    Some(Shortfall::Discomfort) => format!("{met}; beyond the bounds of comfort"),
+                    Some(Shortfall::AtFault | Shortfall::Contact) => fault(),
+                    None if drive.contact.is_some() => fault(),
+                    None if !progress.is_asked() => format!("{met}; progress not asked"),
+                    None => met,
+                }
+            }
+            (None, Driven::Clauses { contact: Some(met), missing, .. }) => match missing {
+                None => format!("{}, {:.1} m/s", after(met), met.impact_speed),
+                Some(clause) => format!("{}, {}", after(met), missing_words(clause)),
+            },
+            (None, _) => "no contact".to_owned(),
+        }
+    }
+
+    /// The mark of a test that passed with a contact.
+    fn mark(&self) -> Option<String> {
+        match &self.driven {
+            Driven::Judged { drive, .. } if self.result == TestResult::Passed && drive.contact.is_some() => {
+                Some(self.words())
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether it failed, and the baseline has the same.
+    pub(super) fn is_accepted(&self, baseline: Option<&Earlier>) -> bool {
+        let before = baseline.and_then(|all| all.get(&(self.test.to_owned(), self.plan_hash.to_owned())));
+        self.result == TestResult::Failed && before == Some(&TestResult::Failed)
+    }
+
+    pub(super) fn case(&self, baseline: Option<&Earlier>) -> Case {
+        let verdict = match self.result {
+            TestResult::Passed => Verdict::Passed(self.mark()),
+            TestResult::Failed if self.is_accepted(baseline) => Verdict::Accepted(self.words()),
+            TestResult::Failed => Verdict::Failed(self.words()),
+            TestResult::Error => Verdict::Error(self.words()),
+        };
+        Case { name: self.test.to_owned(), seconds: self.seconds, verdict }
+    }
+}
+
+/// Whose fault the contact of a drive is.
+fn fault_words(drive: &TestDrive) -> &'static str {
+    match drive.at_fault {
+        Some(true) => "the driver at fault",
+        Some(false) => "the driver not at fault",
+        None => "fault unknown",
+    }
+}
+
+/// Why a contact is no failure of the driver, by the clause that does not hold.
+fn missing_words(clause: &str) -> &'static str {
+    match clause {
+        "attack" => "there without the attack too, or with another road user first",
+        "believable" | "believable-1" => "not believable",
+        "at-fault" => "the driver not at fault",
+        _ => "no evasive manoeuvre found",
+    }
+}
+
+pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestArgs) -> Result<()> {
+    if args.json {
+        let mut out = Vec::new();
+        for row in rows {
+            terminal::write_json_line(&mut out, &serde_json::to_string(row)?)?;
+        }
+        return output::print(&String::from_utf8(out)?);
+    }
+    let heads = ["test", "result", "what happened", "found with", "cluster"];
+    let mut table = Table { names: 3, ..Table::new("", &heads) };
+    for row in rows {
+        let result = match row.result {
+            TestResult::Passed if row.mark().is_some() => "passed, contact",
+            TestResult::Passed => "passed",
+            TestResult::Failed if row.is_accepted(baseline) => "failed before",
+            TestResult::Failed => "FAILED",
+            TestResult::Error => "ERROR",
+        };
+        let cells = [result, &row.words(), row.found_with, row.cluster].map(terminal::escaped_name);
+        table.row(terminal::escaped_name(row.test), cells);
+    }
+    output::print(&if args.wide { table.aligned() } else { table.terminal() })
+}
+
+/// Says how many tests passed. Done unless a test counts against the driver.
+pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>) -> Outcome {
+    let count = |result: TestResult| rows.iter().filter(|row| row.result == result).count();
+    let [passed, failed, errors] = [TestResult::Passed, TestResult::Failed, TestResult::Error].map(count);
+    let marked = rows.iter().filter(|row| row.mark().is_some()).count();
+    // Only a failure excuses a failure: not an error, and not a test that the baseline does not know.
+    let counts = |row: &&ResultRow| row.result == TestResult::Failed && !row.is_accepted(baseline);
+    let new: Vec<&ResultRow> = rows.iter().filter(counts).collect();
+    let mut text = format!("{passed} of {} passed", progress::count(rows.len(), "test"));
+    if marked > 0 {
+        text += &format!(" ({marked} with a contact that is not shown to be the driver's fault)");
+    }
+    text += &format!(", {failed} failed");
+    if errors > 0 {
+        text += &format!(", {}", progress::count(errors, "error"));
+    }
+    if baseline.is_some() {
+        text += &format!("; {} not in the baseline as failed", new.len());
+        new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(row.test)));
+    }
+    progress::say_lines(&text);
+    if new.is_empty() && errors == 0 { Outcome::Done } else { Outcome::NotHeld }
+}

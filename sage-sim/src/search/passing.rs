@@ -1,0 +1,143 @@
+//! When a driver passes a test. That is not the negation of finding a failure: a driver that stands meets no attack, and a
+//! graze that no person would call an attack is a contact.
+//!
+//! A driver passes if it is at fault in no contact with anybody, stays on the road, and makes *progress*: along its route
+//! from *now* on, at least half of what the reference driver does that prevents the contact, or, where none prevents it, of
+//! its own unattacked drive; both up to the contact of the driver under test. Where that is less than 5 m, progress is not
+//! asked. A contact that is not its fault, or whose fault is unknown, passes with a mark.
+
+use sage_core::motion::{NOW, Trajectory};
+use serde::{Deserialize, Serialize};
+
+use super::Met;
+use crate::{
+    Error,
+    attack_test::AttackTest,
+    reference::Watching,
+    route::Localization,
+    unattacked::{UnattackedDrive, until_contact},
+    vehicle::Motion,
+};
+
+/// Least share of the expected progress.
+const SHARE: f64 = 0.5;
+/// Progress below which none is asked, metres.
+const SHORTEST: f64 = 5.0;
+/// Where progress is compared with the driver's own drive without the attack.
+pub const UNATTACKED: &str = "unattacked drive";
+
+/// What is asked of a driver beyond passing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Asked {
+    /// No contact at all, whosever fault.
+    pub no_contact: bool,
+    /// nuPlan's bounds of comfort, up to the first contact.
+    pub comfort: bool,
+}
+
+/// Why a driver fails a test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shortfall {
+    /// A contact, and it is at fault.
+    AtFault,
+    /// It left the road.
+    OffRoad,
+    /// Too little progress.
+    NoProgress,
+    /// A contact that is not its fault, or whose fault is unknown, where none is allowed.
+    Contact,
+    /// Beyond the bounds of comfort, where they are asked.
+    Discomfort,
+}
+
+/// Progress along the route from *now* on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MadeProgress {
+    /// Of the driver under test, metres.
+    pub made: f64,
+    /// Of the drive that it is compared with, metres.
+    pub compared: f64,
+    /// That drive: a reference driver, or [`UNATTACKED`].
+    pub with: String,
+}
+
+impl MadeProgress {
+    /// Whether the comparison is long enough to ask.
+    pub fn is_asked(&self) -> bool {
+        self.compared >= SHORTEST
+    }
+
+    /// Whether it is enough, or not asked.
+    pub fn is_enough(&self) -> bool {
+        !self.is_asked() || self.made >= SHARE * self.compared
+    }
+}
+
+/// What a driver does in a test.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TestDrive {
+    /// First contact.
+    pub contact: Option<Met>,
+    /// Whether it is at fault in a contact; `None` if it has none, or if the fault is unknown.
+    pub at_fault: Option<bool>,
+    /// Frame at which it leaves the road, and the recording does not.
+    pub off_road: Option<usize>,
+    /// Progress from *now* on.
+    pub progress: MadeProgress,
+    /// Whether it keeps the bounds of comfort; `None` if that cannot be measured.
+    pub comfortable: Option<bool>,
+}
+
+impl TestDrive {
+    /// Drives a driver against the plan of a test.
+    ///
+    /// *Errors*: those of the driver.
+    pub fn new(test: &AttackTest, watching: &Watching, plan: &Trajectory) -> Result<Self, Error> {
+        let outcome = test.attack(plan, true)?;
+        let prevention = watching.prevention(plan)?;
+        let drive = &outcome.episode.drive;
+        let facts = UnattackedDrive::of(drive, test.simulated(), test.car());
+        let faults = || outcome.episode.contacts.iter().map(|contact| contact.class.is_at_fault());
+        let at_fault = if faults().any(|fault| fault == Some(true)) {
+            Some(true)
+        } else if outcome.episode.contacts.is_empty() || faults().any(|fault| fault.is_none()) {
+            None
+        } else {
+            Some(false)
+        };
+        let route = test.simulated().route();
+        let along = |motion: &Motion| route.locate(motion.position, Localization::Nearest).along;
+        let until = until_contact(drive);
+        let steps = until.len().saturating_sub(NOW + 1);
+        let progress = |motions: &[Motion]| {
+            let motions = &motions[..motions.len().min(steps + 1)];
+            let first = motions.first().map_or(0.0, along);
+            motions.iter().map(along).fold(first, f64::max) - first
+        };
+        let from_now = |motions: &[Motion]| motions.get(NOW..).map(progress).unwrap_or_default();
+        let (compared, with) = match prevention.by() {
+            Some(reference) => (progress(&prevention.motions), reference.to_owned()),
+            None => (from_now(until_contact(test.unattacked())), UNATTACKED.to_owned()),
+        };
+        Ok(Self {
+            contact: Met::first(&outcome, test),
+            at_fault,
+            off_road: drive.off_road.step().filter(|_| !facts.recording_leaves_road),
+            progress: MadeProgress { made: from_now(until), compared, with },
+            comfortable: facts.is_comfortable,
+        })
+    }
+
+    /// The first thing that the driver fails at; `None` if it passes.
+    pub fn shortfall(&self, asked: Asked) -> Option<Shortfall> {
+        let found = [
+            (self.at_fault == Some(true), Shortfall::AtFault),
+            (self.off_road.is_some(), Shortfall::OffRoad),
+            (!self.progress.is_enough(), Shortfall::NoProgress),
+            (asked.no_contact && self.contact.is_some(), Shortfall::Contact),
+            (asked.comfort && self.comfortable == Some(false), Shortfall::Discomfort),
+        ];
+        found.into_iter().find_map(|(fails, shortfall)| fails.then_some(shortfall))
+    }
+}

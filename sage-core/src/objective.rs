@@ -25,6 +25,7 @@ pub mod criticality;
 mod differentiable;
 mod distribution;
 mod drivable;
+pub mod dynamics;
 mod ego;
 mod encounter;
 mod evaluation;

@@ -14,7 +14,7 @@ use std::{path::Path, sync::Arc};
 use sage_core::{
     geometry::{distance, norm},
     motion::{HORIZON, NOW, Trajectory},
-    objective::{Context, ContextOptions, against_lanes, turning},
+    objective::{Context, ContextOptions, against_lanes, dynamics, turning},
     scene::{Scene, SceneIndex, Track, TrackKind},
 };
 use sage_data::{ReadOptions, Recording};
@@ -43,6 +43,8 @@ struct Vehicle {
     has_turned: bool,
     u_turn: bool,
     wrong_lane: bool,
+    /// Acceleration, braking, m/s², and speed relative to the limit of the lane.
+    dynamics: [f64; 3],
 }
 
 /// Whether a vehicle is in a group.
@@ -104,6 +106,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     quantiles("turn per metre, of a car of 6 m, rad/m", |v| v.turn);
     quantiles("lateral acceleration, m/s²", |v| v.lateral);
+    quantiles("acceleration over half a second, m/s²", |v| v.dynamics[0]);
+    quantiles("braking over half a second, m/s²", |v| v.dynamics[1]);
+    quantiles("speed relative to the limit of the lane", |v| v.dynamics[2]);
+    let limits = [dynamics::ACCELERATION, dynamics::BRAKING, dynamics::SPEEDING];
+    for (k, name) in ["acceleration", "braking", "speeding"].into_iter().enumerate() {
+        let count = all.iter().filter(|v| v.dynamics[k] > limits[k]).count();
+        println!("{name}, beyond {}: {} %", limits[k], wilson(count, all.len()));
+    }
+    let breaks = |v: &&Vehicle| v.lateral > turning::LATERAL || (0..3).any(|k| v.dynamics[k] > limits[k]);
+    println!("any of these, or lateral: {} %", wilson(all.iter().filter(breaks).count(), all.len()));
     quantiles("time across the lanes, s", |v| v.across);
     println!("turned by more than 135°: {}", all.iter().filter(|v| v.has_turned).count());
     let mut odd: Vec<&Vehicle> =
@@ -138,7 +150,15 @@ fn measured(
     let scene = Arc::new(scene.clone().with_roles(Some(&ego.id), Some(&track.id))?);
     let Ok(ctx) = Context::new(&scene, index, &ContextOptions::default()) else { return Ok(None) };
     let candidate = ctx.candidate(Trajectory::new("recording", points)?);
-    let beyond = |turn: Option<turning::TightTurn>| turn.map_or(0.0, |turn| turn.value);
+    // For the dynamics it goes on as in its last half second: standing would be braking.
+    let [end, before] = [last, last - 5].map(|frame| track.point(frame));
+    let on = |step: usize| {
+        let more = (NOW + step).saturating_sub(last) as f64 / 5.0;
+        let p = track.point((NOW + step).min(last));
+        [p[0] + more * (end[0] - before[0]), p[1] + more * (end[1] - before[1])]
+    };
+    let goes_on = ctx.candidate(Trajectory::new("recording", (1..=HORIZON).map(on).collect())?);
+    let beyond = |turn: Option<turning::Excess>| turn.map_or(0.0, |turn| turn.value);
     let tight = turning::tight_turn(&candidate, ANY);
     let start = candidate.box_now().axis;
     let turned = candidate
@@ -158,6 +178,11 @@ fn measured(
         has_turned: turned,
         u_turn: against_lanes::u_turn(&candidate, &ctx, candidate.steps()).is_some(),
         wrong_lane: against_lanes::turn_from_wrong_lane(&candidate, &ctx).is_some(),
+        dynamics: [
+            beyond(dynamics::hard_acceleration(&goes_on, &ctx, ANY)),
+            beyond(dynamics::hard_braking(&goes_on, &ctx, ANY)),
+            beyond(dynamics::speeding(&candidate, &ctx, ANY)),
+        ],
     }))
 }
 

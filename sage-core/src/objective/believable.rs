@@ -1,23 +1,25 @@
 //! Whether a person would believe an attack.
 //!
-//! An attack is believable if the whole plan is feasible by the paper's rule, touches no median at any frame and turns no
-//! more tightly than a car can nor from the wrong lane, hits the ego solidly, and does not approach it for long against or
-//! across the lanes, nor by a U-turn that no lane offers. Without contact there is no attack to believe.
+//! An attack is believable if the whole plan is feasible by the paper's rule, touches no median at any frame, turns no more
+//! tightly than a car can nor from the wrong lane, and accelerates, brakes, corners and speeds no more than recorded cars do;
+//! if it hits the ego solidly; and does not approach it for long against or across the lanes, nor by a U-turn that no lane
+//! offers. Without contact there is no attack to believe.
 //!
-//! `believable-1` is the definition before: without turns, U-turns and the time across the lanes.
+//! `believable-1` is the definition before: without dynamics, turns, U-turns and the time across the lanes.
 
 use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Feasibility, MapFeasibility, Phase, Situation, Violation,
+    Candidate, Context, Feasibility, MapFeasibility, Phase, Situation, Violation,
     against_lanes::{across_lanes, turn_from_wrong_lane, u_turn},
     against_traffic::against_traffic,
     contact_depth::contact_depth,
+    dynamics::{ACCELERATION, BRAKING, SPEEDING, hard_acceleration, hard_braking, speeding},
     map_feasibility::{touches_truly, touching_feature},
-    turning::{TURN, tight_turn},
-    violation::{MEDIAN, TURNING_CIRCLE},
+    turning::{Excess, LATERAL, TURN, fast_turn, tight_turn},
+    violation::{LATERAL_ACCELERATION, MEDIAN, TURNING_CIRCLE},
 };
 use crate::motion::DT;
 
@@ -34,16 +36,30 @@ const AGAINST_TRAFFIC: &str = "against_traffic";
 const ACROSS_LANES: &str = "across_lanes";
 const U_TURN: &str = "u_turn";
 const WRONG_LANE: &str = "wrong_lane";
+const HARD_ACCELERATION: &str = "acceleration";
+const HARD_BRAKING: &str = "braking";
+const SPEEDS: &str = "speeding";
 const CONTACT_DEPTH: &str = "contact_depth";
 /// Reasons that `believable-1` does not know.
-const NEW: [&str; 4] = [TURNING_CIRCLE, ACROSS_LANES, U_TURN, WRONG_LANE];
+const NEW: [&str; 8] = [
+    TURNING_CIRCLE,
+    LATERAL_ACCELERATION,
+    HARD_ACCELERATION,
+    HARD_BRAKING,
+    SPEEDS,
+    ACROSS_LANES,
+    U_TURN,
+    WRONG_LANE,
+];
 
 /// Why an attack is not believable.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
-    /// `contact_depth`, `against_traffic`, `across_lanes`, `turning_circle`, `u_turn`, `wrong_lane`, or the violated rule.
+    /// `contact_depth`, `against_traffic`, `across_lanes`, `turning_circle`, `lateral_acceleration`, `acceleration`, `braking`,
+    /// `speeding`, `u_turn`, `wrong_lane`, or the violated rule.
     pub reason: Cow<'static, str>,
-    /// The measured value: depth in metres, time against the traffic or across the lanes in seconds, turn in rad/m, or time
+    /// The measured value: depth in metres, time against the traffic or across the lanes in seconds, turn in rad/m,
+    /// accelerations in m/s², speed relative to the limit of the lane, or time
     /// after *now* of the U-turn, the turn from the wrong lane or the first violation in seconds.
     pub value: f64,
     /// The limit that it breaks; `None` for a violated rule.
@@ -64,6 +80,10 @@ impl Reason {
             (AGAINST_TRAFFIC, _) => format!("{value:.1} s against the traffic"),
             (ACROSS_LANES, _) => format!("{value:.1} s across the lanes"),
             (TURNING_CIRCLE, _) => format!("turns within {:.1} m", value.recip()),
+            (LATERAL_ACCELERATION, Some(_)) => format!("{value:.1} m/s² of lateral acceleration"),
+            (HARD_ACCELERATION, _) => format!("accelerates by {value:.1} m/s²"),
+            (HARD_BRAKING, _) => format!("brakes by {value:.1} m/s²"),
+            (SPEEDS, _) => format!("{value:.1} times the speed limit"),
             (U_TURN, _) => format!("U-turn without a lane after {value:.1} s"),
             (WRONG_LANE, _) => format!("turns from the wrong lane after {value:.1} s"),
             (rule, _) => format!("{} after {value:.1} s", rule.replace('_', " ")),
@@ -103,9 +123,11 @@ pub fn doubts(situation: &Situation, violations: &[Violation]) -> Option<Vec<Rea
     if against > MAX_AGAINST + 0.5 * DT {
         reasons.push(Reason { reason: AGAINST_TRAFFIC.into(), value: against, limit: Some(MAX_AGAINST) });
     }
-    if let Some(turn) = tight_turn(candidate, TURN) {
-        reasons.push(Reason { reason: TURNING_CIRCLE.into(), value: turn.value, limit: Some(turn.limit) });
-    }
+    let beyond = exceeded(candidate, ctx).into_iter().filter_map(|(reason, excess)| {
+        let Excess { value, limit, .. } = excess?;
+        Some(Reason { reason: reason.into(), value, limit: Some(limit) })
+    });
+    reasons.extend(beyond);
     let before = || Phase::Before.steps(encounter);
     let across = across_lanes(candidate, ctx, before());
     if across > MAX_ACROSS + 0.5 * DT {
@@ -134,10 +156,21 @@ pub fn is_believable(situation: &Situation) -> bool {
 pub fn drives_believably(situation: &Situation) -> bool {
     let Situation { candidate, encounter, ctx, .. } = situation;
     let before = || Phase::Before.steps(encounter);
-    tight_turn(candidate, TURN).is_none()
+    exceeded(candidate, ctx).iter().all(|(_, excess)| excess.is_none())
         && across_lanes(candidate, ctx, before()) <= MAX_ACROSS + 0.5 * DT
         && u_turn(candidate, ctx, before()).is_none()
         && turn_from_wrong_lane(candidate, ctx).is_none()
+}
+
+/// Limits of a car and of its driver, and by how much a plan exceeds them.
+fn exceeded(candidate: &Candidate, ctx: &Context) -> [(&'static str, Option<Excess>); 5] {
+    [
+        (TURNING_CIRCLE, tight_turn(candidate, TURN)),
+        (LATERAL_ACCELERATION, fast_turn(candidate, LATERAL)),
+        (HARD_ACCELERATION, hard_acceleration(candidate, ctx, ACCELERATION)),
+        (HARD_BRAKING, hard_braking(candidate, ctx, BRAKING)),
+        (SPEEDS, speeding(candidate, ctx, SPEEDING)),
+    ]
 }
 
 /// Whether an attack is believable by `believable-1`.

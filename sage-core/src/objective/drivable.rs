@@ -23,7 +23,7 @@ use super::{
     Candidate, Context, Feasibility, OtherAgent, Violation,
     map_feasibility::{half_turn, touching_agent, touching_feature},
     others::CHUNK,
-    turning::{self, TightTurn},
+    turning::{self, Excess},
     violation::{EDGE_COST, LATERAL_ACCELERATION, MEDIAN, OFF_ROAD, ROAD_EDGE, TURNING_CIRCLE},
 };
 use crate::{
@@ -121,7 +121,7 @@ impl DrivableFeasibility {
     fn turns(&self, candidate: &Candidate) -> impl Iterator<Item = Violation> {
         let tight = self.0.turn.and_then(|limit| turning::tight_turn(candidate, limit));
         let fast = self.0.lateral.and_then(|limit| turning::fast_turn(candidate, limit));
-        let violation = |turn: TightTurn, rule| Violation::at(candidate, turn.step, rule, EDGE_COST, "");
+        let violation = |turn: Excess, rule| Violation::at(candidate, turn.step, rule, EDGE_COST, "");
         let all = [
             half_turn(candidate),
             tight.map(|turn| violation(turn, TURNING_CIRCLE)),

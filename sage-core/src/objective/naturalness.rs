@@ -121,6 +121,12 @@ pub(super) fn speed_limit_at(ctx: &Context, point: Point, axis: Point) -> Option
     limit_of(ctx, &ctx.index().motor_lanes().segments()[nearest.segment])
 }
 
+/// Speed limit of the lane that a car is on, within 2 m and along its axis, m/s; `None` if there is none or it has none.
+pub(super) fn lane_limit_at(ctx: &Context, point: Point, axis: Point) -> Option<f64> {
+    let lanes = ctx.index().motor_lanes();
+    limit_of(ctx, &lanes.segments()[lanes.nearest(point, BESIDE, is_along(axis))?.segment])
+}
+
 /// Speed limit of a segment's lane, m/s.
 fn limit_of(ctx: &Context, segment: &Segment) -> Option<f64> {
     let lane = ctx.index().map().features[segment.feature as usize].lane.as_ref();

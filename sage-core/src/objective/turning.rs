@@ -31,19 +31,19 @@ const LAST_APART: f64 = 0.4;
 /// Steps before and after one between which its lateral acceleration is measured.
 const HALF: usize = 5;
 
-/// A turn that no car can make.
+/// A limit that a plan exceeds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TightTurn {
+pub struct Excess {
     /// First step at which the limit is exceeded, 1 to the horizon.
     pub step: usize,
-    /// Largest value over the whole plan: rad/m, or m/s².
+    /// Largest value over the whole plan: rad/m, m/s² or m/s.
     pub value: f64,
     /// The limit.
     pub limit: f64,
 }
 
-impl TightTurn {
-    fn of(values: impl Iterator<Item = (usize, f64)>, limit: f64) -> Option<Self> {
+impl Excess {
+    pub(super) fn of(values: impl Iterator<Item = (usize, f64)>, limit: f64) -> Option<Self> {
         let beyond = values.filter(|(_, value)| *value > limit);
         beyond.fold(None, |found: Option<Self>, (step, value)| match found {
             None => Some(Self { step, value, limit }),
@@ -54,20 +54,20 @@ impl TightTurn {
 
 /// Whether a candidate turns by more than a limit, rad/m, that of a car of at most 6 m. The published code knows no heading
 /// *now*.
-pub fn tight_turn(candidate: &Candidate, limit: f64) -> Option<TightTurn> {
+pub fn tight_turn(candidate: &Candidate, limit: f64) -> Option<Excess> {
     if candidate.convention() == Convention::Release {
         return None;
     }
     let length = 2.0 * candidate.box_now().half_length;
-    TightTurn::of(turns_per_metre(candidate), limit * (LONG / length).min(1.0))
+    Excess::of(turns_per_metre(candidate), limit * (LONG / length).min(1.0))
 }
 
 /// Whether a candidate takes a turn with more than a lateral acceleration, m/s².
-pub fn fast_turn(candidate: &Candidate, limit: f64) -> Option<TightTurn> {
+pub fn fast_turn(candidate: &Candidate, limit: f64) -> Option<Excess> {
     if candidate.convention() == Convention::Release {
         return None;
     }
-    TightTurn::of(lateral_accelerations(candidate), limit)
+    Excess::of(lateral_accelerations(candidate), limit)
 }
 
 /// A direction of motion at a place of the path.

@@ -71,7 +71,7 @@ impl MeasuredTrajectory {
     pub fn collision_type(&self) -> Option<CollisionType> {
         *self.later.collision_type.get_or_init(|| {
             let situation = Situation::new(&self.candidate, self.ctx.ego(), &self.ctx);
-            CollisionType::of(&situation, &self.paper.criticality)
+            CollisionType::of(&situation)
         })
     }
 

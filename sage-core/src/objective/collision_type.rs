@@ -1,99 +1,175 @@
-//! Collision types of contacts between adversary and ego.
+//! Collision types of contacts between adversary and ego, by what happened up to them.
+//!
+//! | type | what happened |
+//! | --- | --- |
+//! | `rear-ended` | the adversary drives into the ego's rear, in the same direction |
+//! | `rear-end` | the ego drives into the adversary, which was ahead in its path for 1.5 s, or since *now* |
+//! | `cut-in` | the same, but the adversary came into its path later than that |
+//! | `sideswipe` | side against side in the same direction |
+//! | `oncoming` | in opposite directions |
+//! | `turning-across` | at an angle, and 3 s before, or *now*, in the same or in opposite directions: one of them turned |
+//! | `crossing` | at an angle, and at an angle before |
+//!
+//! Directions are the same if the headings differ by less than 45°, and opposite if by more than 135°. The ego's *path* leads
+//! from where it is to the contact, and straight on from there. A car is in it if its centre is at most half the larger width
+//! beside it, and its direction the same.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Criticality, SideHit, Situation};
-use crate::geometry::OrientedBox;
+use super::{SideHit, Situation};
+use crate::geometry::{OrientedBox, Point, dot, norm, sub};
 
-/// Collision types, defined by the side of the ego that is hit and the angle between the headings.
+/// Collision types: the module defines them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CollisionType {
-    /// The adversary hits the ego from behind.
+    /// The ego drives into a car that was ahead of it.
     RearEnd,
-    /// The ego hits the adversary, which has cut in ahead of it in the same direction.
+    /// The ego drives into a car that came into its path.
     CutIn,
-    /// Both drive in the same direction, side by side.
-    Sideswipe,
-    /// The adversary crosses in front of the ego.
+    /// At an angle, both since before.
     Crossing,
-    /// The adversary hits the ego's side.
-    SideImpact,
-    /// Both drive in opposite directions.
-    HeadOn,
+    /// At an angle, because one of them turned.
+    TurningAcross,
+    /// In opposite directions.
+    Oncoming,
+    /// Side against side, in the same direction.
+    Sideswipe,
+    /// The adversary drives into the ego's rear.
+    RearEnded,
 }
 
-/// Headings that differ by less than this count as the same direction; by more than π minus this, as
-/// opposite directions, radians.
-const ALONG: f64 = std::f64::consts::FRAC_PI_4;
+/// Cosine of 45°, within which directions are the same.
+const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// Steps for which a car ahead was in the path, if it did not cut in.
+const AHEAD: usize = 15;
+/// Steps before the contact at which its earlier direction is looked at.
+const BEFORE: usize = 30;
 
 impl CollisionType {
     /// All collision types.
-    pub const ALL: [Self; 6] =
-        [Self::RearEnd, Self::CutIn, Self::Sideswipe, Self::Crossing, Self::SideImpact, Self::HeadOn];
+    pub const ALL: [Self; 7] = [
+        Self::RearEnd,
+        Self::CutIn,
+        Self::Crossing,
+        Self::TurningAcross,
+        Self::Oncoming,
+        Self::Sideswipe,
+        Self::RearEnded,
+    ];
 
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::RearEnd => "rear-end",
             Self::CutIn => "cut-in",
-            Self::Sideswipe => "sideswipe",
             Self::Crossing => "crossing",
-            Self::SideImpact => "side-impact",
-            Self::HeadOn => "head-on",
+            Self::TurningAcross => "turning-across",
+            Self::Oncoming => "oncoming",
+            Self::Sideswipe => "sideswipe",
+            Self::RearEnded => "rear-ended",
         }
     }
 
     /// Collision type of a candidate that touches the ego; `None` without contact.
-    pub fn of(situation: &Situation, criticality: &Criticality) -> Option<Self> {
+    pub fn of(situation: &Situation) -> Option<Self> {
         let step = situation.encounter.contact?;
-        let (ego, adversary) = (situation.ego.box_at(step)?, &situation.candidate.boxes()[step - 1]);
-        Some(Self::classify(criticality.side_hit?, turn(ego, adversary)))
+        let ego: Option<Vec<OrientedBox>> =
+            (1..=step).map(|step| situation.ego.box_at(step).copied()).collect();
+        Self::between(&ego?, &situation.candidate.boxes()[..step])
     }
 
-    /// Collision type of two boxes that touch.
-    pub fn between(ego: &OrientedBox, adversary: &OrientedBox) -> Self {
-        Self::classify(SideHit::of(ego, adversary), turn(ego, adversary))
-    }
-
-    fn classify(side: SideHit, turn: f64) -> Self {
-        let opposed = turn > std::f64::consts::PI - ALONG;
-        match side {
-            _ if opposed => Self::HeadOn,
-            SideHit::Rear if turn < ALONG => Self::RearEnd,
-            SideHit::Front if turn < ALONG => Self::CutIn,
-            SideHit::Left | SideHit::Right if turn < ALONG => Self::Sideswipe,
-            SideHit::Front => Self::Crossing,
-            _ => Self::SideImpact,
+    /// Collision type of two cars by their boxes at the steps after *now*, the last that of the contact; `None` without
+    /// boxes.
+    pub fn between(ego: &[OrientedBox], adversary: &[OrientedBox]) -> Option<Self> {
+        let last = ego.len().min(adversary.len()).checked_sub(1)?;
+        let cosine = |step: usize| dot(ego[step].axis, adversary[step].axis);
+        let (now, before) = (cosine(last), cosine(last.saturating_sub(BEFORE)));
+        let is_at_angle = |cosine: f64| cosine.abs() <= ALONG;
+        if is_at_angle(now) {
+            return Some(if is_at_angle(before) { Self::Crossing } else { Self::TurningAcross });
         }
+        if now < 0.0 {
+            return Some(Self::Oncoming);
+        }
+        Some(match SideHit::of(&ego[last], &adversary[last]) {
+            SideHit::Rear => Self::RearEnded,
+            SideHit::Left | SideHit::Right => Self::Sideswipe,
+            SideHit::Front => {
+                let mut steps = last.saturating_sub(AHEAD)..=last;
+                let was_ahead = steps.all(|step| is_in_path(&ego[step..=last], &adversary[step]));
+                if was_ahead { Self::RearEnd } else { Self::CutIn }
+            }
+        })
     }
 }
 
-/// Angle between the headings of two boxes, rad, 0 to π.
-fn turn(ego: &OrientedBox, adversary: &OrientedBox) -> f64 {
-    let ([a, b], [c, d]) = (ego.axis, adversary.axis);
-    (a * d - b * c).atan2(a * c + b * d).abs()
+/// Whether a car is in the path of another, given by its boxes from now to the contact.
+fn is_in_path(path: &[OrientedBox], car: &OrientedBox) -> bool {
+    /// Straight part after the contact, metres.
+    const ON: f64 = 100.0;
+    let end = &path[path.len() - 1];
+    let on = [end.center[0] + ON * end.axis[0], end.center[1] + ON * end.axis[1]];
+    let points = path.iter().map(|area| area.center).chain([on]);
+    let nearest =
+        points.clone().zip(points.skip(1)).zip(path).map(|((a, b), area)| (beside(a, b, car.center), area));
+    let nearest = nearest.min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.is_some_and(|(distance, area)| {
+        distance <= area.half_width.max(car.half_width) && dot(area.axis, car.axis) > ALONG
+    })
+}
+
+/// Distance of a point from a straight way, metres.
+fn beside(a: Point, b: Point, p: Point) -> f64 {
+    let (way, to) = (sub(b, a), sub(p, a));
+    let length2 = dot(way, way);
+    let share = if length2 > 0.0 { (dot(way, to) / length2).clamp(0.0, 1.0) } else { 0.0 };
+    norm([to[0] - share * way[0], to[1] - share * way[1]])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// A car of 4 m × 2 m along a way, at the steps after *now*.
+    fn drive(steps: usize, at: impl Fn(f64) -> (Point, f64)) -> Vec<OrientedBox> {
+        (1..=steps)
+            .map(|step| {
+                let (center, heading) = at(0.1 * step as f64);
+                OrientedBox::new(center, heading, 4.0, 2.0)
+            })
+            .collect()
+    }
+
+    /// The type of the first contact of the ego, along +x at 10 m/s, with a car.
+    fn meets(at: impl Fn(f64) -> (Point, f64)) -> Option<CollisionType> {
+        let (ego, other) = (drive(80, |t| ([10.0 * t, 0.0], 0.0)), drive(80, at));
+        let contact = ego.iter().zip(&other).position(|(a, b)| a.intersects(b))?;
+        CollisionType::between(&ego[..=contact], &other[..=contact])
+    }
+
     #[test]
-    fn side_and_angle_define_the_collision_type() {
+    fn what_happened_defines_the_type() {
+        use std::f64::consts::{FRAC_PI_2, PI};
+
         use CollisionType::*;
-        let cases = [
-            (SideHit::Rear, 0.1, RearEnd),
-            (SideHit::Front, 0.1, CutIn),
-            (SideHit::Left, 0.3, Sideswipe),
-            (SideHit::Right, 1.5, SideImpact),
-            (SideHit::Front, 1.5, Crossing),
-            (SideHit::Front, 3.0, HeadOn),
-            (SideHit::Left, 3.0, HeadOn),
-            (SideHit::Rear, 1.5, SideImpact),
-        ];
-        for (side, turn, kind) in cases {
-            assert_eq!(CollisionType::classify(side, turn), kind, "{side:?} at {turn}");
-        }
+        // One ahead in the lane is met by the ego, whether it stands, slows or swerves out at last.
+        assert_eq!(meets(|t| ([30.0 + 2.0 * t, 0.0], 0.0)), Some(RearEnd));
+        assert_eq!(meets(|t| ([30.0 + 2.0 * t, 0.6], 0.0)), Some(RearEnd));
+        // One that comes over from the next lane a second before.
+        let over = |t: f64| ([20.0 + 5.0 * t, (3.5 - 3.5 * (t - 2.0).max(0.0)).max(0.0)], 0.0);
+        assert_eq!(meets(over), Some(CutIn));
+        // From behind, and beside.
+        assert_eq!(meets(|t| ([-20.0 + 15.0 * t, 0.0], 0.0)), Some(RearEnded));
+        assert_eq!(meets(|t| ([10.0 * t, 4.0 - t], 0.0)), Some(Sideswipe));
+        // Against it, across it, and turning left before it.
+        assert_eq!(meets(|t| ([100.0 - 10.0 * t, 0.5], PI)), Some(Oncoming));
+        assert_eq!(meets(|t| ([40.0, -40.0 + 10.0 * t], FRAC_PI_2)), Some(Crossing));
+        let turns = |t: f64| {
+            let angle = ((t - 2.0).max(0.0) * 0.7).min(FRAC_PI_2);
+            ([52.0 - 5.0 * t.min(2.0) - 7.0 * angle.sin(), 5.0 - 7.0 * (1.0 - angle.cos())], PI + angle)
+        };
+        assert_eq!(meets(turns), Some(TurningAcross));
+        assert_eq!(CollisionType::between(&[], &[]), None);
     }
 }

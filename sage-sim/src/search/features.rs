@@ -57,7 +57,7 @@ impl Features {
             .map_or(ctx.scene().ego().point(sage_core::motion::NOW), |k| boxes[k].center);
         let index = ctx.index();
         Some(Self {
-            collision: CollisionType::between(ego, adversary),
+            collision: CollisionType::between(&boxes, &plan.boxes()[..boxes.len()])?,
             relative_heading: wrap_angle(heading(adversary) - heading(ego)),
             relative_speed: met.impact_speed,
             ego_speed: sage_core::geometry::distance(before, ego.center) / DT,
@@ -180,7 +180,7 @@ mod tests {
         assert!((a.distance(&b) - (1.0 + 0.5 + 0.5) / 7.0).abs() < 1e-12);
         assert_eq!(a.distance(&b), b.distance(&a));
         let far = Features {
-            collision: CollisionType::HeadOn,
+            collision: CollisionType::Oncoming,
             ego: Manoeuvre::Brakes,
             adversary: Manoeuvre::Brakes,
             road: RoadKind::Junction,
@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn a_diverse_choice_takes_each_kind_before_it_repeats_one() {
         use CollisionType::*;
-        let kinds = [CutIn, CutIn, CutIn, HeadOn, CutIn, Crossing];
+        let kinds = [CutIn, CutIn, CutIn, Oncoming, CutIn, Crossing];
         let all = kinds.map(|kind| features(kind, 8.0));
         assert_eq!(diverse(&all, 1, 3), [1, 3, 5]);
         assert_eq!(diverse(&all, 1, 4), [0, 1, 3, 5], "the first of equals");

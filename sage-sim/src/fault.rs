@@ -1,7 +1,7 @@
 //! Who was at fault in a contact: nuPlan's rule, on the states when the boxes first meet.
 //!
-//! The rule means "the ego's own motion could have prevented it", not legal blame: a car that cuts in just
-//! before a moving ego is hit by the ego's front, and the ego is at fault.
+//! The rule is geometry: which box moved, and which edge met which. It is no legal blame, and knows no right of way: a car
+//! that cuts in just before a moving ego is hit by the ego's front, and the ego is at fault.
 
 use sage_core::{
     geometry::{OrientedBox, Point, cross, distance, dot, norm, sub},

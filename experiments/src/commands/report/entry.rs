@@ -31,8 +31,9 @@ pub(super) struct Entry {
     at_fault: Option<bool>,
     pub(super) plan: String,
     pub(super) lambda: Option<f64>,
-    time_to_react: Option<f64>,
-    avoidable_r157: Option<bool>,
+    latest_start: Option<f64>,
+    /// The reference driver that prevents the contact.
+    prevented_by: Option<String>,
     contact_after: f64,
     impact: f64,
     reward: f64,
@@ -79,8 +80,8 @@ impl Entry {
             at_fault: met.class.is_at_fault(),
             plan,
             lambda,
-            time_to_react: failure.time_to_react,
-            avoidable_r157: failure.avoidable_r157,
+            latest_start: failure.time_to_react,
+            prevented_by: failure.prevented_by(),
             contact_after: met.step as f64 / 10.0,
             impact: met.impact_speed,
             reward: failure.reward,
@@ -102,11 +103,13 @@ impl Entry {
             Some(false) => "ego not at fault",
             None => "fault unknown",
         };
-        let react = self.time_to_react.map_or(String::new(), |time| {
-            format!("; an evasive manoeuvre could begin as late as {time:.1} s before the contact")
+        let prevented =
+            self.prevented_by.as_ref().map_or(String::new(), |name| format!("; {name} prevents it"));
+        let evasion = self.latest_start.map_or(String::new(), |time| {
+            format!("; an evasive manoeuvre, knowing the plan, could begin as late as {time:.1} s before the contact")
         });
         format!(
-            "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{react}",
+            "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{prevented}{evasion}",
             self.cluster, self.contact_after, self.impact, self.adversary_does
         )
     }

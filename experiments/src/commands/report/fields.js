@@ -1,21 +1,21 @@
 // What the page of a report lists: failures. Comes before list.js in one script.
 function fields() {
   const inWords = (value) => words(value).replaceAll("_", " ");
-  // Plainest first: what the UN R157 driver avoids, then what leaves most time to react.
-  for (const f of items) f.plain = (f.avoidable_r157 === true ? 100 : 0) + (Number.isFinite(f.time_to_react) ? f.time_to_react : 0);
+  // Plainest first: what a reference driver prevents, then what could still be avoided latest.
+  for (const f of items) f.plain = (f.prevented_by ? 100 : 0) - (Number.isFinite(f.latest_start) ? f.latest_start : 50);
   return {
     label: "Failures",
     across: 35, // metres across a thumbnail, at least
     moment: "Top view, north up, at the contact",
-    note: "A driver is at fault by nuPlan's rule: its own motion could have prevented the contact. That is no legal blame: a front that hits a car which cuts in counts too, and a side contact of an ego that is not wholly in one lane (lateral off lane). The list begins with failures that a UN R157 driver, careful and competent, avoids in the ego's place, then those with the most time to react.",
+    note: "A driver is at fault by nuPlan's rule: its moving front met the other (active front), the other stood (stopped track), or its side met the other while it was not wholly in one lane (lateral off lane). That is geometry, no legal blame and no right of way: a front that hits a car which cuts in counts too. Prevented: a reference driver, which does not know the plan, took the car over at now and had no contact with the adversary and none at its own fault. Latest start: seconds before the contact at which an evasive manoeuvre, found knowing the plan, could still begin; the smaller, the plainer. The list begins with what a reference driver prevents, then the smallest latest start. All verdicts assume perfect perception without latency; others replay their recordings; 8 s, one adversary.",
     facets: [
       ["driver", "Driver"], ["cluster", "Cluster"], ["collision", "Collision"], ["ego_does", "Ego does"], ["adversary_does", "Adversary does"], ["road", "Road"],
-      ["at_fault", "Fault", answer("at fault", "not at fault")], ["fault", "Fault class", inWords], ["avoidable_r157", "Avoidable by R157", answer("yes", "no")], ["plan", "Plan"],
+      ["at_fault", "Fault", answer("at fault", "not at fault")], ["fault", "Fault class", inWords], ["prevented_by", "Prevented by"], ["plan", "Plan"],
     ],
     groups: { key: "cluster", title: "Clusters" },
-    ranges: [["lambda", "λ", 2, "and failures without λ"], ["time_to_react", "Time to react, s", 1, "and not measured"]],
+    ranges: [["lambda", "λ", 2, "and failures without λ"], ["latest_start", "Latest start, s", 1, "and not measured"]],
     sorts: [
-      ["plain", "plainest"], ["time_to_react", "time to react"], ["reward", "reward"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
+      ["plain", "plainest"], ["latest_start", "latest start"], ["reward", "reward"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
       ["cluster", "cluster"], ["driver", "driver"], ["scene", "scene"],
     ],
     count: (shown, inScenes, inClusters) =>
@@ -23,9 +23,9 @@ function fields() {
     head: (f) => [words(f.name), words(f.driver)],
     values: (f) => [
       ["contact", measured(f.contact_after, 1, " s"), "Time from now, the start of the attack, to the contact"], ["impact", measured(f.impact, 1, " m/s")],
-      ["reward", measured(f.reward, 1)], ["time to react", measured(f.time_to_react, 1, " s")], ["λ", measured(f.lambda, 2)],
+      ["reward", measured(f.reward, 1)], ["latest start", measured(f.latest_start, 1, " s"), "How late before the contact an evasive manoeuvre, knowing the plan, could begin"], ["λ", measured(f.lambda, 2)],
     ],
-    badge: (f) => [f.at_fault === true ? "at fault" : f.at_fault === false ? "not at fault" : "fault unknown", f.at_fault === true, `${inWords(f.fault)}; a UN R157 driver ${f.avoidable_r157 === true ? "avoids it" : f.avoidable_r157 === false ? "does not avoid it" : "was not tried"}`],
+    badge: (f) => [f.at_fault === true ? "at fault" : f.at_fault === false ? "not at fault" : "fault unknown", f.at_fault === true, `${inWords(f.fault)}; ${f.prevented_by ? `${words(f.prevented_by)} prevents it` : "no reference driver prevents it"}`],
     none: (isEmpty) => (!isEmpty ? "No failure meets all filters." : data.without.length ? "The searches found no failure." : "There are no failures: no scene was searched."),
     build: (isEmpty) => isEmpty && (element("without").open = true),
     showMore: showWithout,

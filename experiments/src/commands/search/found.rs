@@ -16,6 +16,7 @@ use sage_core::{
 use sage_data::Recording;
 use sage_sim::{
     episode::LAST_FRAME,
+    reference::Answer,
     search::{Clauses, Features, Met, SearchOptions, suite::MOST_TESTS},
 };
 use serde::{Deserialize, de::DeserializeOwned};
@@ -64,7 +65,7 @@ pub(in crate::commands) struct FailureFile {
     pub(in crate::commands) clauses: Clauses,
     pub(in crate::commands) reward: f64,
     #[serde(default)]
-    pub(in crate::commands) avoidable_r157: Option<bool>,
+    pub(in crate::commands) references: Vec<Answer>,
     /// Box centre and heading of the ego at frames 0 to *now*.
     pub(in crate::commands) ego_history: Vec<[f64; 3]>,
     /// The same at steps 1 to 80.
@@ -75,6 +76,14 @@ pub(in crate::commands) struct FailureFile {
     pub(in crate::commands) witness: Option<Vec<[f64; 3]>>,
     #[serde(flatten)]
     pub(in crate::commands) described: Map<String, Value>,
+}
+
+impl FailureFile {
+    /// The reference driver that prevents the contact.
+    pub(in crate::commands) fn prevented_by(&self) -> Option<String> {
+        let prevents = self.references.iter().find(|answer| answer.prevents == Some(true));
+        prevents.map(|answer| answer.reference.clone())
+    }
 }
 
 impl<'a> Found<'a> {

@@ -35,7 +35,7 @@ impl Cli {
             Command::Simulate(args) => commands::simulate::run(&args, Part::of(args.shard), registries),
             Command::Search(args) => commands::search::run(&args, Part::of(args.shard), registries),
             Command::Report(args) => commands::report::run(&args),
-            Command::Suite(args) => commands::suite::run(&args),
+            Command::Suite(args) => commands::suite::run(&args, registries),
             Command::Test(args) => commands::test::run(&args, registries),
             Command::Jobs(args) => commands::jobs::run(&args),
             Command::Status(args) => commands::status::run(&args),

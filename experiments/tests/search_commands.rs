@@ -58,14 +58,14 @@ fn a_search_writes_rows_pictures_and_the_scenes_of_failures_that_drive_again_ali
         let drives = json(&out.join(format!("{scene}-drives.json")));
         let drives = drives["drives"].as_array().unwrap();
         assert_eq!(drives.len() as u64, count("drives"));
-        let met = |drive: &&Value| drive["clauses"]["avoidable"] == true;
+        let met = |drive: &&Value| drive["clauses"]["preventable"] == true;
         assert_eq!(drives.iter().filter(met).count() as u64, count("failures"));
         for number in 1..=count("failures") {
             let name = format!("{scene}-failure{number}");
             let failure = json(&out.join(format!("{name}.json")));
             assert!(out.join(format!("{name}.safetensors")).is_file());
             assert!(pickle(&out, &name).is_file());
-            assert_eq!(failure["witness"].as_array().unwrap().len(), 80);
+            prevents_again(&scenes.join(format!("{scene}.pkl")), &out.join(format!("{name}.json")), &failure);
             drives_again(&scenes.join(format!("{scene}.pkl")), &out.join(format!("{name}.json")), &failure);
             failures += 1;
         }
@@ -109,7 +109,23 @@ fn drives_again(scene: &Path, row: &Path, failure: &Value) {
     let output = sage(&["score", text(scene), "--candidates", text(&file), "--avoidable", "--json"]);
     let scored = &rows(&output)[0];
     assert_eq!(scored["believable"], true, "{}", row.display());
-    assert_eq!(scored["avoidable"], true, "{}", row.display());
+    assert_eq!(scored["avoidable"], failure["clauses"]["avoidable"], "{}", row.display());
+}
+
+/// The reference driver that prevents the contact has none with the adversary when it takes over in another process.
+fn prevents_again(scene: &Path, row: &Path, failure: &Value) {
+    let answers = failure["references"].as_array().unwrap();
+    let last = answers.last().unwrap();
+    assert!(last["prevents"] == true && answers.iter().all(|answer| answer["reference"] != "idm"));
+    let then = last["reference"].as_str().unwrap();
+    let ego = format!(r#"takeover{{"first":{{"name":"idm"}},"then":{{"name":"{then}"}}}}"#);
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("again");
+    let output =
+        sage(&["simulate", text(scene), "--ego", &ego, "--attack", text(row), "--json", "--out", text(&out)]);
+    let contacts = rows(&output)[0]["contacts"].as_array().unwrap().clone();
+    assert!(contacts.iter().all(|contact| contact["with"] != failure["adversary"]), "{}", row.display());
+    assert!(contacts.iter().all(|contact| contact["at_fault"] != true), "{}", row.display());
 }
 
 #[test]

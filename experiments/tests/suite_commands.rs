@@ -23,10 +23,8 @@ fn the_driver_of_the_search_fails_every_test_and_a_better_one_passes_some() {
     for (row, test) in rows.iter().zip(&tests) {
         assert_eq!((&row["test"], &row["result"]), (&test["name"], &Value::from("failed")));
         // Driven again with the bits of the search.
-        assert_eq!(
-            (&row["contact"], &row["clauses"]),
-            (&test["found"]["contact"], &test["found"]["clauses"])
-        );
+        assert_eq!(row["contact"], test["found"]["contact"]);
+        assert_eq!((&row["at_fault"], &row["shortfall"]), (&true.into(), &"at-fault".into()));
     }
     let expert = desk.test("expert", &["--json"]);
     let passed = results(&expert).iter().filter(|row| row["result"] == "passed").count();
@@ -39,6 +37,76 @@ fn the_driver_of_the_search_fails_every_test_and_a_better_one_passes_some() {
         rows
     };
     assert_eq!(without_times(&expert), without_times(&again));
+}
+
+#[test]
+fn a_driver_that_stands_creeps_or_leaves_the_road_passes_no_test_that_asks_for_progress() {
+    let desk = Desk::new();
+    let mut asked = 0;
+    for (ego, reasons) in [
+        (r#"constant{"throttle":-1}"#, &["no-progress", "at-fault"][..]),
+        (r#"constant{"throttle":0.4,"steer":0.6}"#, &["off-road", "at-fault", "no-progress"]),
+    ] {
+        let rows = results(&desk.test(ego, &["--json"]));
+        for row in rows.iter().filter(|row| row["progress"]["compared"].as_f64().unwrap() >= 5.0) {
+            asked += 1;
+            assert_eq!(row["result"], "failed", "{row}");
+            assert!(reasons.contains(&row["shortfall"].as_str().unwrap()), "{row}");
+        }
+    }
+    assert!(asked > 5, "{asked} tests ask for progress");
+    // A contact that is not its fault passes with a mark, which `--strict` does not let pass.
+    let stands = r#"constant{"throttle":-1}"#;
+    let rows = results(&desk.test(stands, &["--json"]));
+    let marked = rows.iter().filter(|row| row["result"] == "passed" && !row["contact"].is_null()).count();
+    let strict = results(&desk.test(stands, &["--json", "--strict"]));
+    assert_eq!(strict.iter().filter(|row| row["shortfall"] == "contact").count(), marked);
+    let table = desk.test(stands, &["--junit", &desk.at("report.xml")]);
+    assert_eq!(stdout_of(&table).matches("| passed, contact |").count(), marked);
+    let xml = fs::read_to_string(desk.path("report.xml")).unwrap();
+    assert_eq!(xml.matches("<property name=\"contact\"").count(), marked);
+}
+
+#[test]
+fn a_suite_of_version_1_is_judged_as_then_and_can_be_upgraded() {
+    let desk = Desk::new();
+    let [now, then] = ["now.jsonl", "then.jsonl"].map(|name| desk.at(name));
+    fs::write(&now, desk.test("idm", &["--json"]).stdout).unwrap();
+    let mut suite = desk.suite();
+    suite["suite"] = 1.into();
+    suite["require"] = serde_json::json!(["attack", "believable", "at-fault", "avoidable"]);
+    suite.as_object_mut().unwrap().remove("references");
+    fs::write(desk.path("suite/suite.json"), suite.to_string()).unwrap();
+    // Its plans are failures by those definitions too; a driver that stands is found not to be at fault.
+    let output = desk.test("idm", &["--json"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("is of version 1"), "{}", stderr(&output));
+    let rows = results(&output);
+    assert!(rows.iter().all(|row| row["result"] == "failed" && row["clauses"]["avoidable"] == true));
+    assert_eq!(desk.test(r#"constant{"throttle":-1}"#, &[]).status.code(), Some(0));
+    // Results of the two versions mean different things.
+    fs::write(&then, &output.stdout).unwrap();
+    assert_eq!(desk.test("idm", &["--baseline", &then]).status.code(), Some(0));
+    let refused = desk.test("idm", &["--baseline", &now]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(stderr(&refused).contains("they mean different things"), "{}", stderr(&refused));
+    let refused = desk.test("idm", &["--strict"]);
+    assert!(stderr(&refused).contains("need a suite of version 2"), "{}", stderr(&refused));
+    // Upgraded, it is the suite of before.
+    let upgrade = |ego: &str, out: &str| {
+        sage(&["suite", "--upgrade", &desk.at("suite"), "--ego", ego, "--out", &desk.at(out)])
+    };
+    let output = upgrade("idm", "upgraded");
+    stdout(&output);
+    assert!(stderr(&output).contains(&format!("{0} of {0} tests kept", rows.len())), "{}", stderr(&output));
+    let again = sage(&["test", &desk.at("upgraded"), "--ego", "idm", "--json", "--baseline", &now]);
+    assert_eq!(again.status.code(), Some(0), "{}", stderr(&again));
+    let none = upgrade(r#"constant{"throttle":-1}"#, "none");
+    assert!(
+        stderr(&none).contains("no test is left") && stderr(&none).contains("dropped "),
+        "{}",
+        stderr(&none)
+    );
 }
 
 #[test]

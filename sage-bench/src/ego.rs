@@ -8,6 +8,7 @@ use sage_data::MAX_SCENE_FILE;
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
+    fault::FaultRule,
     policy::{EgoPolicy, Td3},
     reference::Reference,
     rl::read_policy,
@@ -32,6 +33,8 @@ pub struct Ego {
     pub note: Option<String>,
     /// The drivers that say whether its contacts are preventable.
     pub references: Vec<Reference>,
+    /// The rule that says whether it is at fault.
+    pub fault: FaultRule,
 }
 
 impl Ego {
@@ -64,6 +67,7 @@ impl Ego {
             is_program: named.is_program(),
             note,
             references,
+            fault: FaultRule::default(),
         })
     }
 
@@ -71,7 +75,9 @@ impl Ego {
     ///
     /// *Errors*: as [`AttackTest::new`].
     pub fn test(&self, scene: &Arc<SimScene>, seed: u64) -> Result<AttackTest<'_>, sage_sim::Error> {
-        Ok(AttackTest::new(&*self.policy, scene, seed)?.with_references(&self.references))
+        Ok(AttackTest::new(&*self.policy, scene, seed)?
+            .with_references(&self.references)
+            .with_fault(self.fault))
     }
 
     /// Takes other reference drivers than the default ones.

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::Result;
 use sage_core::generator::OperatingPoint;
 use sage_sim::{
-    Error, SimScene, attack_test::AttackTest, batch::Recent, drive::Drive, policy::EgoPolicy, rl::Attacker,
-    search::SearchOptions, traffic::Plan,
+    Error, SimScene, attack_test::AttackTest, batch::Recent, drive::Drive, policy::EgoPolicy,
+    reference::Reference, rl::Attacker, search::SearchOptions, traffic::Plan,
 };
 
 use crate::named_search::NamedSearch;
@@ -18,6 +18,7 @@ const SCENES: usize = 1024;
 pub struct SearchedAttacker {
     search: NamedSearch,
     policy: Arc<dyn EgoPolicy>,
+    references: Arc<Vec<Reference>>,
     options: SearchOptions,
     seed: u64,
     /// What was found, by identifier of the scene.
@@ -28,9 +29,15 @@ pub struct SearchedAttacker {
 type Found = Result<Arc<[Arc<Plan>]>, Error>;
 
 impl SearchedAttacker {
-    /// An attacker that has searched no scene yet.
-    pub fn new(search: NamedSearch, policy: Arc<dyn EgoPolicy>, options: SearchOptions, seed: u64) -> Self {
-        Self { search, policy, options, seed, found: Mutex::new(Recent::new(SCENES)) }
+    /// An attacker that has searched no scene yet. The references say whether a contact is preventable.
+    pub fn new(
+        search: NamedSearch,
+        policy: Arc<dyn EgoPolicy>,
+        references: Arc<Vec<Reference>>,
+        options: SearchOptions,
+        seed: u64,
+    ) -> Self {
+        Self { search, policy, references, options, seed, found: Mutex::new(Recent::new(SCENES)) }
     }
 
     /// The plans of a scene.
@@ -42,7 +49,7 @@ impl SearchedAttacker {
         let search = || -> Result<Vec<Arc<Plan>>> {
             scene.scene().attackable_horizon()?;
             let again = SimScene::new(scene.scene().clone(), scene.index().clone())?;
-            let test = AttackTest::new(&*self.policy, &again, self.seed)?;
+            let test = AttackTest::new(&*self.policy, &again, self.seed)?.with_references(&self.references);
             let ctx = test.context()?;
             ctx.check_apart_now()?;
             let rule = &self.search.rule.objective;

@@ -7,10 +7,10 @@ use pyo3::{
     prelude::*,
     types::{PyDict, PyString},
 };
-use sage_bench::{Registries, ego::Ego, part::PolicyPart, weights::SHIPPED};
+use sage_bench::{Registries, ego::Ego, part::PolicyPart, references, weights::SHIPPED};
 use sage_core::objective::PRESETS;
 use sage_data::procedural::Kind;
-use sage_sim::policy::EgoPolicy;
+use sage_sim::{policy::EgoPolicy, reference::Reference};
 
 use crate::{
     errors::{detached, keep_raised},
@@ -62,6 +62,8 @@ pub(crate) struct Driver {
     pub(crate) policy: Arc<dyn EgoPolicy>,
     /// Its planner, if it is one of Python, which is called on the caller's thread alone.
     pub(crate) planner: Option<Arc<Planner>>,
+    /// The drivers that say whether its contacts are preventable.
+    pub(crate) references: Arc<Vec<Reference>>,
 }
 
 /// Beginning of the name of a planner that is imported.
@@ -95,7 +97,8 @@ impl Driver {
     fn of_object(object: &Bound<'_, PyAny>) -> PyResult<Self> {
         let planner = Arc::new(Planner::new(object)?);
         let policy = Arc::new(PlannerPolicy(Way::Call(planner.clone())));
-        Ok(Self { label: planner.name.clone(), policy, planner: Some(planner) })
+        let references = Arc::new(references::references(&references::default_names(), "", registries()?)?);
+        Ok(Self { label: planner.name.clone(), policy, planner: Some(planner), references })
     }
 
     /// The same, or the driver of a name.
@@ -105,9 +108,19 @@ impl Driver {
         ego.map_or_else(|| detached(py, || Self::named(name)), |ego| Self::of(py, ego))
     }
 
+    /// Takes other reference drivers than the default ones.
+    ///
+    /// *Errors*: a name that nothing has, or one that is given twice.
+    pub(crate) fn with_references(mut self, names: &[String]) -> Result<Self> {
+        let tested =
+            if self.planner.is_some() { "" } else { self.label.split('{').next().unwrap_or_default() };
+        self.references = references::references(names, tested, registries()?)?.into();
+        Ok(self)
+    }
+
     fn named(name: &str) -> Result<Self> {
         let part: PolicyPart = name.parse().map_err(sage_bench::Error::Value)?;
-        let Ego { label, policy, .. } = Ego::new(&part, registries()?)?;
-        Ok(Self { label, policy: policy.into(), planner: None })
+        let Ego { label, policy, references, .. } = Ego::new(&part, registries()?)?;
+        Ok(Self { label, policy: policy.into(), planner: None, references: references.into() })
     }
 }

@@ -42,7 +42,8 @@ impl Searcher {
         scene.scene.attackable_horizon()?;
         scene.scene.check_apart_now()?;
         let simulated = SimScene::new(scene.scene.clone(), scene.index.clone())?;
-        let test = AttackTest::new(&*self.driver.policy, &simulated, self.seed)?;
+        let test = AttackTest::new(&*self.driver.policy, &simulated, self.seed)?
+            .with_references(&self.driver.references);
         let ctx = test.context()?;
         ctx.check_apart_now()?;
         let rule = &self.named.rule.objective;
@@ -135,7 +136,7 @@ fn word<T: DeserializeOwned>(what: &str, text: &str, known: &str) -> PyResult<T>
 /// Searches scenes, one after another; `advsage.search` gathers what this finds.
 #[pyfunction]
 #[pyo3(signature = (scenes, ego, *, method=None, weights=None, lambda_=None, aggression=None, mix=None, mu=None, selection="natural",
-    feasibility=None, merger="linear", options=None, budget=64, require=None, first=false, order="surrogate",
+    feasibility=None, merger="linear", options=None, budget=64, require=None, references=None, first=false, order="surrogate",
     plans=MOST_PLANS, seed=0, threads=None))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn search_each(
@@ -154,13 +155,17 @@ pub(crate) fn search_each(
     options: Option<Bound<'_, PyDict>>,
     #[pyo3(from_py_with = crate::seed::count)] budget: usize,
     require: Option<&str>,
+    references: Option<Vec<String>>,
     first: bool,
     order: &str,
     #[pyo3(from_py_with = crate::seed::count)] plans: usize,
     #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
     #[pyo3(from_py_with = crate::seed::optional_count)] threads: Option<usize>,
 ) -> PyResult<PySearched> {
-    let driver = Driver::of(py, ego)?;
+    let mut driver = Driver::of(py, ego)?;
+    if let Some(names) = references {
+        driver = driver.with_references(&names)?;
+    }
     let require = require.map(str::parse::<Requirement>).transpose().map_err(OptionError::new_err)?;
     let require = require.unwrap_or_default();
     let order: Order = word("order", order, "surrogate, random, pool")?;

@@ -15,9 +15,10 @@ use crate::{
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::{Drive, Simulation, drive},
     episode::{Episode, EpisodeContact, Progress, Verdict},
+    fault::FaultRule,
     policy::EgoPolicy,
     red_lights::over_red,
-    reference::Reference,
+    reference::{Reference, Watching},
     scene::SimScene,
     traffic::Plan,
     unattacked::{UnattackedDrive, until_contact},
@@ -32,6 +33,7 @@ pub struct AttackTest<'p> {
     unattacked: Drive,
     car: Vehicle,
     references: &'p [Reference],
+    fault: FaultRule,
 }
 
 impl<'p> AttackTest<'p> {
@@ -48,6 +50,7 @@ impl<'p> AttackTest<'p> {
             unattacked,
             car: *simulation.world().car(),
             references: &[],
+            fault: FaultRule::Nuplan,
         })
     }
 
@@ -58,19 +61,23 @@ impl<'p> AttackTest<'p> {
         self
     }
 
-    /// Drivers that say whether a contact is preventable.
-    pub fn references(&self) -> &'p [Reference] {
-        self.references
+    /// The test with a rule of who is at fault in an attack.
+    #[must_use]
+    pub fn with_fault(mut self, rule: FaultRule) -> Self {
+        self.fault = rule;
+        self
+    }
+
+    /// The reference drivers, which have watched the drive up to *now*.
+    ///
+    /// *Errors*: the scene has no adversary.
+    pub fn watching(&self) -> Result<Watching<'p>, Error> {
+        Watching::new(self.references, &self.scene, &self.unattacked.controls, self.seed)
     }
 
     /// The scene in motion.
     pub(crate) fn simulated(&self) -> &Arc<SimScene> {
         &self.scene
-    }
-
-    /// Seed of the drives.
-    pub(crate) fn seed(&self) -> u64 {
-        self.seed
     }
 
     /// Whether the driver repeats the recording.
@@ -133,10 +140,11 @@ impl<'p> AttackTest<'p> {
     ///
     /// *Errors*: as [`Episode::run`].
     pub fn attack_along(&self, path: AttackPath, is_feasible: bool) -> Result<AttackOutcome, Error> {
-        let AttackPath { trajectory, episode: Some(episode) } = path else {
+        let AttackPath { trajectory, episode: Some(mut episode) } = path else {
             return self.attack(&path.trajectory, is_feasible);
         };
         let adversary = self.scene.scene().adversary_index()?;
+        episode.judge(self.fault, self.scene.index());
         let verdict = episode.verdict(adversary, is_feasible, &self.unattacked);
         Ok(AttackOutcome { scene: self.scene.clone(), attack: trajectory, adversary, episode, verdict })
     }
@@ -160,10 +168,11 @@ impl<'p> AttackTest<'p> {
         let scene = self.scene.scene();
         let adversary = scene.adversary_index()?;
         let plan = Arc::new(Plan::of_adversary(scene, attack)?);
-        let episode = match until_now {
+        let mut episode = match until_now {
             Some(progress) => progress.with_plan(plan)?.finish()?,
             None => Episode::run(&self.scene, Some(plan), self.policy, self.seed)?,
         };
+        episode.judge(self.fault, self.scene.index());
         let verdict = episode.verdict(adversary, is_feasible, &self.unattacked);
         Ok(AttackOutcome { scene: self.scene.clone(), attack: attack.clone(), adversary, episode, verdict })
     }

@@ -9,6 +9,7 @@ use sage_core::{
     geometry::{OrientedBox, Point, norm, sub},
     motion::{HORIZON, NOW, Trajectory},
     objective::{MIN_DEPTH, SideHit},
+    scene::SceneIndex,
 };
 
 use crate::{
@@ -16,7 +17,7 @@ use crate::{
     body::BodyKind,
     drive::{Drive, DriveContact, Recorder, Simulation},
     environment::ARRIVED,
-    fault::{FaultClass, classify},
+    fault::{FaultClass, FaultRule, classify, is_slowed},
     policy::EgoPolicy,
     scene::SimScene,
     traffic::Plan,
@@ -257,6 +258,17 @@ impl Episode {
         let time = |c: &EpisodeContact| (c.contact.step, c.contact.substep);
         let first = self.contacts.first().map(time);
         self.contacts.iter().take_while(move |c| Some(time(c)) == first)
+    }
+
+    /// Judges the contacts by a rule.
+    pub(crate) fn judge(&mut self, rule: FaultRule, index: &SceneIndex) {
+        for contact in self.contacts.iter_mut().filter(|_| rule == FaultRule::Careful) {
+            if contact.class.is_at_fault() == Some(true)
+                && is_slowed(&contact.contact, &self.drive.motions, index)
+            {
+                contact.class = FaultClass::SlowedEgo;
+            }
+        }
     }
 
     /// Compares this episode, in which the adversary follows a plan, with the drive without the plan.

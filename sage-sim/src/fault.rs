@@ -9,8 +9,20 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{body::BodyKind, drive::DriveContact, vehicle::Vehicle};
+use crate::{
+    body::BodyKind,
+    drive::DriveContact,
+    vehicle::{Motion, Vehicle},
+};
 
+/// Speed below which a careful judge looks at who came, m/s.
+const SLOW: f64 = 3.0;
+/// Speed that an ego loses within half a second if it brakes, m/s.
+const BRAKES: f64 = 0.5;
+/// By how much the other is faster, m/s.
+const FASTER: f64 = 2.0;
+/// Steps of half a second.
+const HALF_SECOND: usize = 5;
 /// Speed below which a road user stands, m/s.
 const STANDING: f64 = 0.05;
 /// Angle from the heading beyond which the other is behind, rad.
@@ -23,6 +35,31 @@ const HALF_WIDTHS: [f64; 2] = [1.5, 2.2];
 const SPARE: f64 = 0.2;
 /// Largest distance of a lane's centre line that is looked at, metres.
 const LANE_REACH: f64 = 2.5;
+
+/// The rule that says who is at fault.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FaultRule {
+    /// nuPlan's.
+    #[default]
+    Nuplan,
+    /// nuPlan's, but an ego below 3 m/s that brakes, in a lane that leads its way, is not at fault if a car meets it that is at
+    /// least 2 m/s faster.
+    Careful,
+}
+
+impl FaultRule {
+    /// All rules.
+    pub const ALL: [Self; 2] = [Self::Nuplan, Self::Careful];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nuplan => "nuplan",
+            Self::Careful => "careful",
+        }
+    }
+}
 
 /// Class of a contact, and with it who is at fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,13 +81,17 @@ pub enum FaultClass {
     LateralUnknown,
     /// The other was not recorded until shortly before: nobody's fault.
     Appeared,
+    /// The ego had braked to below 3 m/s in its lane, and a faster car met it: not at fault by [`FaultRule::Careful`].
+    SlowedEgo,
 }
 
 impl FaultClass {
     /// Whether the ego is at fault; `None` where the map cannot tell.
     pub fn is_at_fault(self) -> Option<bool> {
         match self {
-            Self::StoppedEgo | Self::ActiveRear | Self::LateralInLane | Self::Appeared => Some(false),
+            Self::StoppedEgo | Self::ActiveRear | Self::LateralInLane | Self::Appeared | Self::SlowedEgo => {
+                Some(false)
+            }
             Self::StoppedTrack | Self::ActiveFront | Self::LateralOffLane => Some(true),
             Self::LateralUnknown => None,
         }
@@ -67,13 +108,14 @@ impl FaultClass {
             Self::LateralOffLane => "a side contact, the ego not in one lane",
             Self::LateralUnknown => "a side contact, on a map without lanes",
             Self::Appeared => "the other appeared within 0.3 s before",
+            Self::SlowedEgo => "the ego had braked in its lane, and a faster car met it",
         }
     }
 
     /// Number of nuPlan's rule that decides, 1 to 5; 0 if another one does.
     pub fn rule(self) -> u8 {
         match self {
-            Self::Appeared => 0,
+            Self::Appeared | Self::SlowedEgo => 0,
             Self::StoppedEgo => 1,
             Self::StoppedTrack => 2,
             Self::ActiveRear => 3,
@@ -91,6 +133,20 @@ pub fn classify(contact: &DriveContact, car: &Vehicle, index: &SceneIndex) -> Fa
     let [own, other] = &contact.areas;
     let speeds = [contact.car.speed(), contact.other.speed()];
     classify_meeting([own, other], speeds, contact.other.kind, car.rear, index)
+}
+
+/// Whether an ego had braked to below 3 m/s in a lane that leads its way, and was met by a faster car. `motions` are those
+/// of the drive up to the contact.
+pub(crate) fn is_slowed(contact: &DriveContact, motions: &[Motion], index: &SceneIndex) -> bool {
+    let (own, other) = (contact.car.speed(), contact.other.speed());
+    let earlier = motions[..contact.step.min(motions.len())].iter().rev().nth(HALF_SECOND).map(Motion::speed);
+    let brakes = earlier.is_some_and(|earlier| earlier - own >= BRAKES);
+    let [x, y] = contact.areas[0].axis;
+    let leads = |(_, direction): &(usize, Point)| dot(*direction, [x, y]) > std::f64::consts::FRAC_1_SQRT_2;
+    own < SLOW
+        && brakes
+        && other >= own + FASTER
+        && lanes_at(contact.areas[0].center, 0.0, index).iter().any(leads)
 }
 
 /// Class of a meeting of two boxes, the own one first, at their speeds (m/s). The rear axle is `rear` metres behind

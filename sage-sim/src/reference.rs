@@ -12,13 +12,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Error,
-    attack_test::AttackTest,
     drive::{Recorder, Simulation},
     fault::classify,
     policy::EgoPolicy,
-    scene::LAST_FRAME,
+    scene::{LAST_FRAME, SimScene},
     traffic::Plan,
     vehicle::Motion,
+    world::Control,
 };
 
 /// Names of the default references, in the order in which they are asked.
@@ -64,27 +64,31 @@ pub struct Watching<'r> {
 }
 
 impl<'r> Watching<'r> {
-    /// Lets references watch. One that cannot drive here, or not be copied, answers `None`.
+    /// Lets references watch a drive in a scene, given by what the car did in each step. One that cannot drive here, or not be
+    /// copied, answers `None`.
     ///
     /// *Errors*: the scene has no adversary.
-    pub fn new(test: &AttackTest<'r>) -> Result<Self, Error> {
-        let scene = test.simulated();
+    pub(crate) fn new(
+        references: &'r [Reference],
+        scene: &Arc<SimScene>,
+        controls: &[Control],
+        seed: u64,
+    ) -> Result<Self, Error> {
         let adversary = scene.scene().adversary_index()?;
         // Plans are the log up to *now*.
         let log = Trajectory::new("log", vec![scene.scene().tracks[adversary].point(NOW); HORIZON])?;
         let plan = Arc::new(Plan::of_adversary(scene.scene(), &log)?);
         let watch = |reference: &'r Reference| -> Result<Simulation, Error> {
             let plan = Some(plan.clone());
-            let mut simulation =
-                Simulation::new(scene, &Arc::default(), plan, &*reference.policy, test.seed())?;
-            for control in test.unattacked().controls.iter().take(NOW) {
+            let mut simulation = Simulation::new(scene, &Arc::default(), plan, &*reference.policy, seed)?;
+            for control in controls.iter().take(NOW) {
                 simulation.watch(*control)?;
             }
             simulation.try_clone()?;
             Ok(simulation)
         };
         let references =
-            test.references().iter().map(|reference| (&*reference.name, watch(reference).ok())).collect();
+            references.iter().map(|reference| (&*reference.name, watch(reference).ok())).collect();
         Ok(Self { references, adversary })
     }
 

@@ -13,7 +13,7 @@ use sage_sim::{
     SimScene,
     attack_test::AttackTest,
     policy::{EgoPolicy, policies},
-    reference::{Reference, Watching},
+    reference::Reference,
 };
 use serde_json::json;
 
@@ -55,7 +55,7 @@ fn a_reference_drives_as_the_policy_that_takes_over() {
         for name in ["r157", "pdm", "expert", "idm"] {
             let references = [named(name)];
             let test = AttackTest::new(&*tested, &scene, 3).unwrap().with_references(&references);
-            let watching = Watching::new(&test).unwrap();
+            let watching = test.watching().unwrap();
             let takeover = policy("takeover", json!({"first": {"name": "idm"}, "then": {"name": name}}));
             let other = AttackTest::new(&*takeover, &scene, 3).unwrap();
             for plan in &plans {
@@ -98,7 +98,7 @@ fn references_are_asked_in_their_order_up_to_the_first_that_prevents() {
     for (scene, plans) in scenes() {
         for (k, references) in orders.iter().enumerate() {
             let test = AttackTest::new(&*tested, &scene, 0).unwrap().with_references(references);
-            let watching = Watching::new(&test).unwrap();
+            let watching = test.watching().unwrap();
             for plan in &plans {
                 let answers = watching.prevention(plan).unwrap().answers;
                 let until = answers.iter().position(|answer| answer.prevents == Some(true));

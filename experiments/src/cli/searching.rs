@@ -2,12 +2,18 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum, builder::PossibleValue};
+use clap::{
+    Args, ValueEnum,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
 use sage_data::{
     dataset::Shard,
     openscenario::{EgoMode, Standard},
 };
-use sage_sim::search::{MOST_PLANS, Order, Requirement};
+use sage_sim::{
+    fault::FaultRule,
+    search::{MOST_PLANS, Order, Requirement},
+};
 
 use super::{
     AttackArgs, FolderArgs, PlannerArgs, ReadingArgs,
@@ -63,6 +69,10 @@ pub(crate) struct SearchArgs {
     /// is none of them.
     #[arg(long, help_heading = SEARCH, value_name = "NAMES", value_delimiter = ',', default_values_t = references::default_names())]
     pub reference: Vec<String>,
+    /// Who is at fault: nuPlan's rule, or `careful`, by which an ego that has braked to below 3 m/s in its lane is not at fault if
+    /// a faster car meets it.
+    #[arg(long, help_heading = SEARCH, value_name = "RULE", default_value = FaultRule::default().name(), value_parser = fault_rules())]
+    pub fault: FaultRule,
     /// Stop in each scene at the first failure.
     #[arg(long, help_heading = SEARCH)]
     pub first: bool,
@@ -136,6 +146,11 @@ impl ValueEnum for OrderArg {
             Order::Pool => "pool",
         }))
     }
+}
+
+fn fault_rules() -> impl TypedValueParser<Value = FaultRule> {
+    PossibleValuesParser::new(FaultRule::ALL.map(FaultRule::name))
+        .map(|name| FaultRule::ALL.into_iter().find(|rule| rule.name() == name).unwrap_or_default())
 }
 
 /// Most drives or plans of a scene.

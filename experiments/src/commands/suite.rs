@@ -1,5 +1,7 @@
 //! `sage suite`: keeps failures of searches as tests.
 
+mod upgrade;
+
 use std::collections::{HashMap, HashSet};
 
 use anyhow::{Context as _, Result, anyhow, ensure};
@@ -16,7 +18,7 @@ use super::search::{
     found::{FailureFile, FailureScene, Found, json, without_folders},
 };
 use crate::{
-    Outcome,
+    Outcome, Registries,
     attacked_files::{Attack, AttackedFiles, Formats},
     cli::{Keep, SearchFormat, SuiteArgs},
     outcome::{caught, without_defects},
@@ -50,7 +52,10 @@ struct Candidate {
     features: Features,
 }
 
-pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
+pub(crate) fn run(args: &SuiteArgs, registries: &Registries) -> Result<Outcome> {
+    if let (Some(from), Some(ego)) = (&args.upgrade, &args.ego) {
+        return upgrade::run(args, from, ego, registries);
+    }
     let mut searches: Vec<Found> =
         args.searches.iter().map(|folder| Found::read(folder)).collect::<Result<_>>()?;
     searches.iter_mut().for_each(|search| search.rows.retain(|row| row.failures() > 0));
@@ -86,6 +91,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
         feasibility: record.feasibility.clone(),
         avoidable: record.search.avoidable,
         references: record.references.clone(),
+        fault: record.fault,
         tests: Vec::new(),
     };
     let mut maker =
@@ -146,6 +152,7 @@ fn check(search: &Found, first: &Found) -> Result<()> {
         own.search.require == other.search.require
             && own.feasibility == other.feasibility
             && own.references == other.references
+            && own.fault == other.fault
             && own.search.avoidable == other.search.avoidable,
         "it requires other clauses than the first search, or by other rules; make a suite of its own"
     );

@@ -10,7 +10,6 @@ use sage_core::{files, objective::Feasibility, scene::SceneIndex};
 use sage_data::{MAX_SCENE_FILE, Recording};
 use sage_sim::{
     SimScene,
-    reference::Watching,
     search::{
         passing::{Asked, TestDrive},
         suite::{self, SCENES, Suite, SuiteTest, VERSION},
@@ -42,7 +41,7 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
     progress::say_notes(std::slice::from_ref(&ego));
     let suite = read(&args.suite)?;
-    let ego = ego.with_references(&suite.references, registries)?;
+    let ego = Ego { fault: suite.fault, ..ego.with_references(&suite.references, registries)? };
     if suite.suite < VERSION && (args.strict || args.comfort) {
         bail!("--strict and --comfort need a suite of version {VERSION}; make one of a new search");
     }
@@ -80,10 +79,25 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     Ok(row::ended(&rows, baseline.as_ref()))
 }
 
-/// Reads a suite.
+/// Reads a suite, with the definitions that its failures were found by.
 ///
 /// *Errors*: it is none, or not as it was made.
 fn read(folder: &Path) -> Result<Suite> {
+    let suite = read_as_written(folder)?;
+    if suite.suite < VERSION {
+        progress::say(&format!(
+            "note: `{}` is of version {}: plans without limits of turns, and a test passes if its plan is no failure; it is judged as then (`sage suite --upgrade`)",
+            folder.join(FILE).display(),
+            suite.suite
+        ));
+    }
+    Ok(suite.as_found())
+}
+
+/// Reads a suite.
+///
+/// *Errors*: it is none, or not as it was made.
+pub(super) fn read_as_written(folder: &Path) -> Result<Suite> {
     let path = folder.join(FILE);
     let shown = path.display();
     if !path.is_file() && folder.join(RECORD).is_file() {
@@ -98,13 +112,7 @@ fn read(folder: &Path) -> Result<Suite> {
     if suite.tests.is_empty() {
         bail!("`{shown}` has no tests");
     }
-    if suite.suite < VERSION {
-        progress::say(&format!(
-            "note: `{shown}` is of version {}: plans without limits of turns, and a test passes if its plan is no failure; it is judged as then",
-            suite.suite
-        ));
-    }
-    Ok(suite.as_found())
+    Ok(suite)
 }
 
 /// The results of an earlier run.
@@ -120,11 +128,12 @@ fn earlier(path: &Path, suite: &Suite, ego: &str) -> Result<Earlier> {
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let rows: Vec<EarlierRow> = lines.map(row).collect::<Result<_>>()?;
     if let Some(other) = rows.iter().find(|row| row.suite != suite.suite) {
-        bail!(
-            "`{shown}` holds results of a suite of version {}, and this one is of version {}: they mean different things; drive again without --baseline for results to compare with",
-            other.suite,
-            suite.suite
+        // An option is wrong: exit status 2.
+        let text = format!(
+            "`{shown}` holds results of a suite of version {}, and this one is of version {}: they mean different things; drive again without --baseline for results to compare with\n",
+            other.suite, suite.suite
         );
+        return Err(clap::Error::raw(clap::error::ErrorKind::ValueValidation, text).into());
     }
     if let Some(other) = rows.iter().find(|row| row.ego != ego) {
         let other = terminal::escaped_name(&other.ego);
@@ -191,7 +200,7 @@ fn drive<'s>(
                 return Ok(ResultRow::by_clauses(suite, test, &ego.label, evaluated, seconds()));
             }
             ensure!(rule.is_feasible(&ctx.candidate(test.plan.clone()), ctx), NOT_FEASIBLE);
-            let watching = Watching::new(driver)?;
+            let watching = driver.watching()?;
             let driven = TestDrive::new(driver, &watching, &test.plan)?;
             Ok(ResultRow::judged(suite, test, &ego.label, driven, asked, seconds()))
         });

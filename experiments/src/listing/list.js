@@ -126,7 +126,7 @@ function update() {
     inScenes.add(items[k].scene);
   }
   const inGroups = grouped.chosen >= 0 ? Math.min(1, shown.length) : grouped.counts.filter(Boolean).length;
-  element("count").textContent = page.count(shown.length, inScenes.size, inGroups);
+  element("count").textContent = page.count(shown.length, inScenes.size, inGroups, shown.map((k) => items[k]));
   element("none").hidden = shown.length > 0;
   element("legend").hidden = !shown.length;
   showControls(total);

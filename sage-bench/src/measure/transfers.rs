@@ -109,8 +109,11 @@ impl Transfers {
             keys: Vec::new(),
             metrics: registries.metrics.transfer.chosen(&listed)?,
             rule: rule.objective,
-            // Evasive manoeuvres are searched in every attack, also where the driver is not at fault.
-            options: SearchOptions { require: Requirement::of(&[Clause::Avoidable]), ..options },
+            // Asked of every attack, also where the driver is not at fault.
+            options: SearchOptions {
+                require: Requirement::of(&[Clause::Avoidable, Clause::Preventable]),
+                ..options
+            },
             seed: study.seed,
         };
         all.keys = all.make_keys();

@@ -334,6 +334,7 @@ def search_each(
     options: dict[str, Any] | None = None,
     budget: int = 64,
     require: str | None = None,
+    references: list[str] | None = None,
     first: bool = False,
     order: str = "surrogate",
     plans: int = ...,

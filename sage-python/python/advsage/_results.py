@@ -101,6 +101,7 @@ def search(
     *,
     budget: int = 64,
     require: str | None = None,
+    references: Sequence[str] | None = None,
     first: bool = False,
     order: str = "surrogate",
     plans: int = 256,
@@ -121,7 +122,8 @@ def search(
 
     In each scene at most `budget` plans are driven against, of at most `plans` feasible ones that are proposed; what was driven
     decides which is next (`order`: "surrogate", "random", "pool"). A failure meets all clauses of `require`, of
-    "attack,believable,at-fault,avoidable" (all by default); `first` stops at the first one. Plans are those of several
+    "attack,believable,at-fault,preventable" (all by default), "avoidable" and "believable-1"; `references` names the drivers that
+    are asked in place of r157, idm, pdm and expert whether they prevent a contact; `first` stops at the first one. Plans are those of several
     generators, or of one `method` with its `options`. The other options are those of `Generator`. A scene that cannot be
     read or searched is in `errors` of the result, with the exception.
     """
@@ -134,6 +136,7 @@ def search(
         ego,
         budget=budget,
         require=require,
+        references=references and list(references),
         first=first,
         order=order,
         plans=plans,

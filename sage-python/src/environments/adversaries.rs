@@ -40,7 +40,7 @@ pub(crate) struct Described {
 
 enum Attacks {
     Generator(Arc<Built>),
-    Search { ego: Arc<dyn EgoPolicy>, options: SearchOptions, weights: Option<String> },
+    Search { ego: Driver, options: SearchOptions, weights: Option<String> },
     Plans(GivenPlans),
 }
 
@@ -88,7 +88,7 @@ pub(crate) fn of(described: &Bound<'_, PyDict>) -> PyResult<Described> {
             ..base
         };
         let weights = get("weights")?.map(|weights| weights.extract::<String>()).transpose()?;
-        Attacks::Search { ego: driver.policy, options, weights }
+        Attacks::Search { ego: driver, options, weights }
     };
     if let Attacks::Generator(built) = &attacks
         && get("curriculum")?.is_some()
@@ -138,7 +138,7 @@ impl Described {
                     seed: 0,
                 };
                 let search: NamedSearch = spec.build(registries()?, |_| {})?;
-                Arc::new(SearchedAttacker::new(search, ego, options, 0))
+                Arc::new(SearchedAttacker::new(search, ego.policy, ego.references, options, 0))
             }
             Attacks::Plans(plans) => Arc::new(plans),
         };

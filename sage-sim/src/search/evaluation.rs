@@ -187,7 +187,7 @@ impl<'t> Evaluator<'t> {
         if let Some(watching) = self.watching.get() {
             return Ok(watching);
         }
-        let watching = Watching::new(self.test)?;
+        let watching = self.test.watching()?;
         Ok(self.watching.get_or_init(|| watching))
     }
 

@@ -80,6 +80,8 @@ pub fn search_metrics() -> Result<Metrics<MeasuredSearch>, Error> {
             found("attack", Clause::Attack).about("a plan is an attack on the driver"),
             found("believable", Clause::Believable).about("a plan is a believable attack"),
             found("at fault", Clause::AtFault).about("a plan is a believable attack in which the driver is at fault"),
+            found("avoidable", Clause::Avoidable)
+                .about("the same, and an evasive manoeuvre exists, knowing the plan; asked where references are"),
             Metric::share("failure", |s: &S| Some(!s.result.failures.is_empty()))
                 .about("a plan meets all required clauses")
                 .noted(|s| s.result.reason.map(|reason| reason.words().to_owned()))

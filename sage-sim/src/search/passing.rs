@@ -141,3 +141,43 @@ impl TestDrive {
         found.into_iter().find_map(|(fails, shortfall)| fails.then_some(shortfall))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passing_asks_fault_the_road_and_progress_in_this_order() {
+        let met = Met {
+            step: 10,
+            track: "a".to_owned(),
+            is_adversary: true,
+            // A graze counts as any other contact.
+            overlap: 0.03,
+            impact_speed: 14.3,
+            class: crate::fault::FaultClass::ActiveFront,
+        };
+        let progress = |made, compared| MadeProgress { made, compared, with: "pdm".to_owned() };
+        let drive = |at_fault, off_road, progress| TestDrive {
+            contact: Some(met.clone()),
+            at_fault,
+            off_road,
+            progress,
+            comfortable: Some(false),
+        };
+        let plain = Asked::default();
+        let fault = |at_fault, off_road, made: f64, compared: f64| {
+            drive(at_fault, off_road, progress(made, compared)).shortfall(plain)
+        };
+        assert_eq!(fault(Some(true), Some(20), 0.0, 40.0), Some(Shortfall::AtFault));
+        assert_eq!(fault(Some(false), Some(20), 0.0, 40.0), Some(Shortfall::OffRoad));
+        assert_eq!(fault(None, None, 19.9, 40.0), Some(Shortfall::NoProgress));
+        assert_eq!(fault(None, None, 20.0, 40.0), None, "half of it is enough");
+        assert_eq!(fault(Some(false), None, 0.0, 4.9), None, "not asked of less than 5 m");
+        let passed = drive(None, None, progress(40.0, 40.0));
+        assert_eq!(passed.shortfall(Asked { no_contact: true, comfort: true }), Some(Shortfall::Contact));
+        assert_eq!(passed.shortfall(Asked { no_contact: false, comfort: true }), Some(Shortfall::Discomfort));
+        let free = TestDrive { contact: None, comfortable: None, ..passed };
+        assert_eq!(free.shortfall(Asked { no_contact: true, comfort: true }), None);
+    }
+}

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{Clauses, Evaluated, Met, PlanDrives, Requirement, SearchOptions};
-use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions};
+use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions, fault::FaultRule};
 
 /// Version of the format and of the definitions.
 pub const VERSION: u32 = 2;
@@ -44,6 +44,9 @@ pub struct Suite {
     /// Names of the reference drivers, in the order in which they are asked.
     #[serde(default)]
     pub references: Vec<String>,
+    /// The rule that says who is at fault.
+    #[serde(default)]
+    pub fault: FaultRule,
     /// The tests.
     pub tests: Vec<SuiteTest>,
 }
@@ -200,6 +203,7 @@ mod tests {
             feasibility: PartSpec::default(),
             avoidable: AvoidanceOptions::default(),
             references: vec!["r157".to_owned()],
+            fault: FaultRule::Careful,
             tests: vec![test],
         }
     }

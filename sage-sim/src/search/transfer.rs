@@ -36,7 +36,7 @@ pub fn transfer_metrics() -> Result<Metrics<MeasuredTransfer>, Error> {
         share("attack", Clause::Attack).about("the plan is an attack on the driver"),
         share("believable", Clause::Believable).about("the plan is a believable attack"),
         share("at fault", Clause::AtFault).about("a believable attack in which the driver is at fault"),
-        share("failure", Clause::Avoidable).about("the same, and an evasive manoeuvre exists"),
+        share("failure", Clause::Preventable).about("the same, and a reference driver prevents the contact"),
         Metric::share("unavoidable", |t: &T| Some(!t.attack()?.clauses.holds(Clause::Avoidable)))
             .about("no evasive manoeuvre was found, of the attacks")
             .less_is_better(),

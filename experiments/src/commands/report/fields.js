@@ -18,8 +18,10 @@ function fields() {
       ["plain", "plainest"], ["latest_start", "latest start"], ["reward", "reward"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
       ["cluster", "cluster"], ["driver", "driver"], ["scene", "scene"],
     ],
-    count: (shown, inScenes, inClusters) =>
-      `${shown} of ${counted(items.length, "failure", "failures")} shown, in ${counted(inScenes, "scene", "scenes")}; ${counted(inClusters, "cluster", "clusters")}`,
+    count: (shown, inScenes, inClusters, listed) => {
+      const events = new Set(listed.map((f) => [f.scene, f.driver, f.cluster].join("\n"))).size;
+      return `${counted(inScenes, "scene", "scenes")} with ${counted(events, "event", "events")} (a cluster in a scene), ${shown} of ${counted(items.length, "failing drive", "failing drives")} shown; ${counted(inClusters, "cluster", "clusters")}`;
+    },
     head: (f) => [words(f.name), words(f.driver)],
     values: (f) => [
       ["contact", measured(f.contact_after, 1, " s"), "Time from now, the start of the attack, to the contact"], ["impact", measured(f.impact, 1, " m/s")],

@@ -16,6 +16,7 @@ use sage_core::{
 use sage_data::Recording;
 use sage_sim::{
     episode::LAST_FRAME,
+    fault::FaultRule,
     reference::Answer,
     search::{Clauses, Features, Met, SearchOptions, suite::MOST_TESTS},
 };
@@ -51,6 +52,9 @@ pub(in crate::commands) struct SearchRecord {
     /// Names of the reference drivers.
     #[serde(default)]
     pub(in crate::commands) references: Vec<String>,
+    /// The rule that says who is at fault.
+    #[serde(default)]
+    pub(in crate::commands) fault: FaultRule,
 }
 
 /// What other commands need of the row of a failure.

@@ -1,6 +1,6 @@
 //! The rows of a search: one a scene, one a failure, and a file of all drives.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use sage_core::{files, motion::Trajectory, objective::kinematic_penalty};
 use sage_sim::{
@@ -69,8 +69,14 @@ pub(crate) struct SceneRow {
     pub(crate) attacks: usize,
     pub(crate) believable: usize,
     pub(crate) at_fault: usize,
+    /// The same, in which an evasive manoeuvre exists, knowing the plan.
+    #[serde(default)]
+    pub(crate) avoidable: usize,
     /// Drives that meet all required clauses.
     pub(crate) failures: usize,
+    /// These by the generator of their plans.
+    #[serde(default)]
+    pub(crate) sources: BTreeMap<String, usize>,
     /// Why there is no failure.
     pub(crate) reason: Option<Reason>,
     /// The furthest clause that a drive missed, whatever ended the search.
@@ -290,6 +296,12 @@ impl SceneRow {
                 time_to_react: evaluated.time_to_react,
             }
         };
+        let mut sources = BTreeMap::new();
+        for failure in &result.failures {
+            let key = source(pool.plans[result.driven[failure.drive].plan].source);
+            let name = key.map(|key| key.part().name.clone()).unwrap_or_default();
+            *sources.entry(name).or_default() += 1;
+        }
         Self {
             files: Vec::new(),
             require,
@@ -299,7 +311,9 @@ impl SceneRow {
             attacks: result.count(Clause::Attack),
             believable: result.count(Clause::Believable),
             at_fault: result.count(Clause::AtFault),
+            avoidable: result.count(Clause::Avoidable),
             failures: result.failures.len(),
+            sources,
             reason: result.reason,
             reached: result.reached,
             first_failure: result.failures.first().map(|failure| failure.drive + 1),

@@ -41,6 +41,7 @@ impl<'a> Searcher<'a> {
         }
         let ego = Ego::new(&args.planner.applied(&args.ego), registries)?
             .with_references(&args.reference, registries)?;
+        let ego = Ego { fault: args.fault, ..ego };
         progress::say_notes(std::slice::from_ref(&ego));
         ensure!(
             args.method.is_some() || args.attack.options.is_none(),
@@ -131,6 +132,7 @@ impl<'a> Searcher<'a> {
             identity["files"] = json!(files);
         }
         identity["references"] = json!(self.args.reference);
+        identity["fault"] = json!(self.args.fault);
         let reading = self.args.reading.identity();
         if !reading.is_null() {
             identity["reading"] = reading;

@@ -17,6 +17,8 @@ pub(super) struct Summary {
     errors: usize,
     /// Scenes with an attack, a believable one, one at fault, a failure.
     with: [usize; 4],
+    /// Scenes with a failure of a source of plans.
+    sources: BTreeMap<String, usize>,
     /// Scenes without a failure by reason.
     reasons: BTreeMap<Reason, usize>,
     /// Those that the budget ended, by what the best drive missed.
@@ -29,7 +31,9 @@ const NAMES: [&str; 4] = ["attack", "believable", "at_fault", "failure"];
 impl Summary {
     pub(super) fn of(rows: impl Iterator<Item = SceneRow>, require: Requirement) -> Self {
         let (reasons, reached) = (BTreeMap::new(), BTreeMap::new());
-        let mut all = Self { require, scenes: 0, drives: 0, errors: 0, with: [0; 4], reasons, reached };
+        let sources = BTreeMap::new();
+        let mut all =
+            Self { require, scenes: 0, drives: 0, errors: 0, with: [0; 4], sources, reasons, reached };
         for row in rows {
             all.scenes += 1;
             all.drives += row.drives;
@@ -37,6 +41,9 @@ impl Summary {
             let found = [row.attacks, row.believable, row.at_fault, row.failures];
             for (scenes, found) in all.with.iter_mut().zip(found) {
                 *scenes += usize::from(found > 0);
+            }
+            for source in row.sources.into_keys() {
+                *all.sources.entry(source).or_default() += 1;
             }
             if let Some(reason) = row.reason {
                 *all.reasons.entry(reason).or_default() += 1;
@@ -49,7 +56,7 @@ impl Summary {
     }
 
     /// The counts for the record of the run.
-    pub(super) fn json(&self) -> [(String, Value); 5] {
+    pub(super) fn json(&self) -> [(String, Value); 6] {
         let with: Map<String, Value> =
             NAMES.iter().zip(self.with).map(|(name, scenes)| ((*name).to_owned(), json!(scenes))).collect();
         [
@@ -58,6 +65,7 @@ impl Summary {
             ("reasons", json!(self.reasons)),
             ("reached", json!(self.reached)),
             ("scenes_with", Value::Object(with)),
+            ("scenes_by_source", json!(self.sources)),
         ]
         .map(|(name, value)| (name.to_owned(), value))
     }
@@ -84,6 +92,10 @@ impl Summary {
                 String::new()
             },
         )];
+        if self.sources.len() > 1 {
+            let of = self.sources.iter().map(|(name, scenes)| format!("{name} in {scenes}"));
+            lines.push(format!("  failures by plans of {}", of.collect::<Vec<_>>().join(", ")));
+        }
         for (reason, scenes) in &self.reasons {
             lines.push(format!("  {}: {}", count(*scenes, "scene"), reason.words()));
             for (reached, scenes) in self.reached.iter().filter(|_| *reason == Reason::Budget) {

@@ -144,9 +144,9 @@ impl<'s> ResultRow<'s> {
         match (&self.error, &self.driven) {
             (Some(error), _) => error.clone(),
             (None, Driven::Judged { drive, shortfall }) => {
-                let speed = |met: &Met| format!("{}, {:.1} m/s", after(met), met.impact_speed);
-                let met = drive.contact.as_ref().map_or("no contact".to_owned(), speed);
-                let fault = || format!("{met}, {}", fault_words(drive));
+                let met = drive.contact.as_ref().map_or("no contact".to_owned(), after);
+                let speed = drive.contact.as_ref().map_or(0.0, |met| met.impact_speed);
+                let fault = || format!("{met}, {speed:.1} m/s, {}", fault_words(drive));
                 let progress = &drive.progress;
                 match shortfall {
                     Some(Shortfall::OffRoad) => format!(
@@ -155,7 +155,7 @@ impl<'s> ResultRow<'s> {
                     ),
                     Some(Shortfall::NoProgress) => {
                         let (made, compared, with) = (progress.made, progress.compared, &progress.with);
-                        format!("{met}; {made:.0} m of progress, {compared:.0} m by {with}")
+                        format!("{made:.0} m of progress, {with} {compared:.0} m; {met}")
                     }
                     Some(Shortfall::Discomfort) => format!("{met}; beyond the bounds of comfort"),
                     Some(Shortfall::AtFault | Shortfall::Contact) => fault(),
@@ -202,8 +202,8 @@ impl<'s> ResultRow<'s> {
 /// Whose fault the contact of a drive is.
 fn fault_words(drive: &TestDrive) -> &'static str {
     match drive.at_fault {
-        Some(true) => "the driver at fault",
-        Some(false) => "the driver not at fault",
+        Some(true) => "at fault",
+        Some(false) => "not at fault",
         None => "fault unknown",
     }
 }

@@ -97,8 +97,15 @@ impl Driver {
     fn of_object(object: &Bound<'_, PyAny>) -> PyResult<Self> {
         let planner = Arc::new(Planner::new(object)?);
         let policy = Arc::new(PlannerPolicy(Way::Call(planner.clone())));
-        let references = Arc::new(references::references(&references::default_names(), "", registries()?)?);
-        Ok(Self { label: planner.name.clone(), policy, planner: Some(planner), references })
+        let references = detached(object.py(), || {
+            references::references(&references::default_names(), "", registries()?)
+        })?;
+        Ok(Self {
+            label: planner.name.clone(),
+            policy,
+            planner: Some(planner),
+            references: references.into(),
+        })
     }
 
     /// The same, or the driver of a name.

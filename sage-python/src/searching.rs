@@ -164,7 +164,7 @@ pub(crate) fn search_each(
 ) -> PyResult<PySearched> {
     let mut driver = Driver::of(py, ego)?;
     if let Some(names) = references {
-        driver = driver.with_references(&names)?;
+        driver = detached(py, || driver.with_references(&names))?;
     }
     let require = require.map(str::parse::<Requirement>).transpose().map_err(OptionError::new_err)?;
     let require = require.unwrap_or_default();

@@ -14,7 +14,6 @@ use sage_sim::{
     Error, SimScene,
     batch::Adversary,
     drive::Drive,
-    policy::EgoPolicy,
     rl::{Attacker, Curriculum, Progress, curriculum::curricula},
     search::{Requirement, SearchOptions},
     traffic::Plan,

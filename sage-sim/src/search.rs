@@ -11,6 +11,7 @@ pub mod evaluation;
 pub mod features;
 pub mod manoeuvre;
 pub mod metrics;
+pub mod onset;
 pub mod passing;
 pub mod pool;
 pub mod suite;

@@ -10,7 +10,7 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Clause, Clauses, PoolPlan, Requirement, SearchOptions};
+use super::{Clause, Clauses, PoolPlan, Requirement, SearchOptions, onset::onset};
 use crate::{
     Error,
     attack_test::{AttackOutcome, AttackTest},
@@ -68,6 +68,9 @@ pub struct Evaluated {
     /// Seconds from the last evasive manoeuvre to the contact, if the clause holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_to_react: Option<f64>,
+    /// Seconds from the onset of the plan to the last evasive manoeuvre.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub human_time: Option<f64>,
     /// Whether there is an evasive manoeuvre within the limits of UN R157's driver; asked of avoidable attacks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub avoidable_r157: Option<bool>,
@@ -88,6 +91,7 @@ impl Evaluated {
             clauses: Clauses::default(),
             reward: 0.0,
             time_to_react: None,
+            human_time: None,
             avoidable_r157: None,
             references: Vec::new(),
             error: Some(error),
@@ -145,6 +149,7 @@ impl<'t> Evaluator<'t> {
             clauses: Clauses { attack: outcome.verdict.attack, ..Clauses::default() },
             reward: outcome.reward(),
             time_to_react: None,
+            human_time: None,
             avoidable_r157: None,
             references: Vec::new(),
             error: None,
@@ -170,6 +175,8 @@ impl<'t> Evaluator<'t> {
             let time = Avoidance::new(&ctx, self.search)?.time_to_react(&plan.candidate, step);
             evaluated.clauses.avoidable = Some(time.is_some());
             evaluated.time_to_react = time;
+            evaluated.human_time =
+                time.map(|time| step as f64 * DT - time - onset(&plan.candidate, &ctx, step));
             if time.is_some() {
                 let r157 = Avoidance::new(&ctx, AvoidanceOptions::r157())?;
                 evaluated.avoidable_r157 = Some(r157.time_to_react(&plan.candidate, step).is_some());

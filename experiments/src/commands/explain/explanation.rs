@@ -23,6 +23,8 @@ pub(super) struct ValuedCandidate {
     /// Step of the contact with the ego.
     pub(super) contact: Option<usize>,
     pub(super) feasible: bool,
+    /// Whether it is a hit that is not believable: `natural` passes it over where there is a believable one.
+    pub(super) is_doubted: bool,
     /// Weighted value of each reward of the selection, in its order; terms of one reward are added.
     pub(super) terms: Vec<(String, f64)>,
 }
@@ -110,14 +112,20 @@ impl Explanation {
             outcome: counts.outcome(&all[attack.chosen].measured()),
             counts,
             selected_unbelievable: all[attack.chosen].unbelievable.iter().map(Reason::words).collect(),
-            best: best(&evaluations, attack.chosen, objective, mu),
+            best: best(&evaluations, attack.chosen, objective, mu, |k| !all[k].unbelievable.is_empty()),
         };
         (explanation, kinds)
     }
 }
 
 /// The selected candidate, the best feasible hit, or an infeasible one without, then the best others: feasible ones first, as a selection ranks them.
-fn best(all: &[&Evaluation], chosen: usize, objective: &Objective, mu: f64) -> Vec<ValuedCandidate> {
+fn best(
+    all: &[&Evaluation],
+    chosen: usize,
+    objective: &Objective,
+    mu: f64,
+    is_doubted: impl Fn(usize) -> bool,
+) -> Vec<ValuedCandidate> {
     let value = |k: usize| objective.value(all[k], mu);
     let mut order: Vec<usize> = (0..all.len()).filter(|k| *k != chosen).collect();
     order.sort_by(|a, b| {
@@ -144,6 +152,7 @@ fn best(all: &[&Evaluation], chosen: usize, objective: &Objective, mu: f64) -> V
             value: value(k),
             contact: all[k].contact,
             feasible: all[k].is_feasible(),
+            is_doubted: is_doubted(k),
             terms,
         }
     };

@@ -58,6 +58,8 @@ fn values(one: &Explanation) -> String {
         }
         if !candidate.feasible {
             name += ", infeasible";
+        } else if candidate.is_doubted {
+            name += ", not believable";
         }
         let contact = candidate.contact.map_or("-".to_owned(), |step| format!("{:.1} s", step as f64 / 10.0));
         let terms = candidate.terms.iter().map(|(_, value)| hundredths(*value));

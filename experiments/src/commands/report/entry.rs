@@ -32,6 +32,7 @@ pub(super) struct Entry {
     pub(super) plan: String,
     pub(super) lambda: Option<f64>,
     latest_start: Option<f64>,
+    human_time: Option<f64>,
     /// The reference driver that prevents the contact.
     prevented_by: Option<String>,
     contact_after: f64,
@@ -81,6 +82,7 @@ impl Entry {
             plan,
             lambda,
             latest_start: failure.time_to_react,
+            human_time: failure.human_time,
             prevented_by: failure.prevented_by(),
             contact_after: met.step as f64 / 10.0,
             impact: met.impact_speed,

@@ -70,6 +70,8 @@ pub(in crate::commands) struct FailureFile {
     pub(in crate::commands) reward: f64,
     #[serde(default)]
     pub(in crate::commands) references: Vec<Answer>,
+    #[serde(default)]
+    pub(in crate::commands) human_time: Option<f64>,
     /// Box centre and heading of the ego at frames 0 to *now*.
     pub(in crate::commands) ego_history: Vec<[f64; 3]>,
     /// The same at steps 1 to 80.

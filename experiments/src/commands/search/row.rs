@@ -233,6 +233,8 @@ pub(crate) struct EvaluatedRow<'r> {
     clauses: Clauses,
     reward: f64,
     avoidable_r157: Option<bool>,
+    /// Seconds from the onset of the plan to the latest start.
+    human_time: Option<f64>,
     /// The reference drivers that were asked whether they prevent the contact.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     references: &'r [Answer],
@@ -240,12 +242,13 @@ pub(crate) struct EvaluatedRow<'r> {
 
 impl<'r> EvaluatedRow<'r> {
     pub(crate) fn of(evaluated: &'r Evaluated) -> Self {
-        let Evaluated { contact, clauses, reward, avoidable_r157, references, .. } = evaluated;
+        let Evaluated { contact, clauses, reward, avoidable_r157, human_time, references, .. } = evaluated;
         Self {
             contact: contact.as_ref(),
             clauses: *clauses,
             reward: *reward,
             avoidable_r157: *avoidable_r157,
+            human_time: *human_time,
             references,
         }
     }

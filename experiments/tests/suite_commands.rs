@@ -46,6 +46,8 @@ fn a_driver_that_stands_creeps_or_leaves_the_road_passes_no_test_that_asks_for_p
     for (ego, reasons) in [
         (r#"constant{"throttle":-1}"#, &["no-progress", "at-fault"][..]),
         (r#"constant{"throttle":0.4,"steer":0.6}"#, &["off-road", "at-fault", "no-progress"]),
+        // A car that creeps at 2 m/s, a fifth of what others drive here.
+        (r#"idm{"model":{"desired_speed":2.0},"speed_limits":false}"#, &["no-progress", "at-fault"]),
     ] {
         let rows = results(&desk.test(ego, &["--json"]));
         for row in rows.iter().filter(|row| row["progress"]["compared"].as_f64().unwrap() >= 5.0) {

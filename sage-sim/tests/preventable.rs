@@ -12,6 +12,7 @@ use sage_data::procedural::{Kind, generate};
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
+    fault::{FaultClass, FaultRule},
     policy::{EgoPolicy, policies},
     reference::Reference,
 };
@@ -127,4 +128,29 @@ fn a_takeover_of_itself_is_no_other_driver() {
     let error = |options| policies().unwrap().build("takeover", &options).err().unwrap().to_string();
     assert!(error(json!({"first": {"name": "takeover"}})).contains("expected another policy"));
     assert!(error(json!({"then": {"name": "nobody"}})).contains("nobody"));
+}
+
+#[test]
+fn the_careful_rule_excuses_an_ego_that_has_braked_in_its_lane_and_no_other() {
+    let tested = policy("idm", json!({}));
+    let (mut excused, mut same) = (0, 0);
+    for (scene, plans) in scenes() {
+        let test = |rule| AttackTest::new(&*tested, &scene, 2).unwrap().with_fault(rule);
+        let [plain, careful] = [FaultRule::Nuplan, FaultRule::Careful].map(test);
+        for plan in &plans {
+            let [plain, careful] = [&plain, &careful].map(|test| test.attack(plan, true).unwrap().episode);
+            assert_eq!(plain.drive, careful.drive);
+            for (plain, careful) in plain.contacts.iter().zip(&careful.contacts) {
+                if plain.class == careful.class {
+                    same += 1;
+                    continue;
+                }
+                excused += 1;
+                assert_eq!((plain.class.is_at_fault(), careful.class), (Some(true), FaultClass::SlowedEgo));
+                let contact = &careful.contact;
+                assert!(contact.car.speed() < 3.0 && contact.other.speed() >= contact.car.speed() + 2.0);
+            }
+        }
+    }
+    assert!(same > 10, "{same} contacts keep their class, {excused} are excused");
 }

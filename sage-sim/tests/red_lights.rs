@@ -129,7 +129,7 @@ fn with_the_option_off_and_in_other_policies_that_do_not_see_them_lights_change_
     let others = registry.entries().iter().map(|entry| entry.name);
     drivers.extend(
         others
-            .filter(|name| !STOPPING.contains(name) && !["path", "process", "ppo"].contains(name))
+            .filter(|name| !STOPPING.contains(name) && !["path", "process", "ppo", "takeover"].contains(name))
             .map(|name| (name, json!({}))),
     );
     assert!(drivers.len() > 10);

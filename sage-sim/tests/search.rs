@@ -167,16 +167,12 @@ fn a_reacting_driver_is_found_sooner_than_at_random() {
 fn budget_first_and_reasons_are_kept() {
     let (pool, result) = searched("idm", &SearchOptions { budget: 3, ..SearchOptions::default() });
     assert_eq!((result.driven.len(), result.left), (3, pool.plans.len() - 3));
-    // Without a road edge nothing is avoidable, so no plan meets all clauses.
+    // No reference driver is asked, so nothing is preventable, and no plan meets all clauses.
     assert!(result.failures.is_empty());
     assert_eq!(result.reason, Some(Reason::Budget));
     let (_, whole) = searched("idm", &SearchOptions { budget: 1000, ..SearchOptions::default() });
     assert_eq!(whole.reason, whole.reached);
-    assert!(
-        matches!(whole.reason, Some(Reason::NotShownAvoidable | Reason::NotAtFault)),
-        "{:?}",
-        whole.reason
-    );
+    assert!(matches!(whole.reason, Some(Reason::NotPreventable | Reason::NotAtFault)), "{:?}", whole.reason);
     let attacks =
         searched("idm", &SearchOptions { require: until(Clause::Attack), ..SearchOptions::default() }).1;
     assert_eq!(attacks.failures.len(), attacks.count(Clause::Attack));

@@ -7,7 +7,7 @@ use sage_sim::search::suite::MOST_TESTS;
 
 use super::{
     FolderArgs, PlannerArgs, SearchFormat,
-    help::{DRIVER, OUTPUT, RUN},
+    help::{DRIVER, OUTPUT, RUN, SELECTION},
 };
 use crate::part::PolicyPart;
 
@@ -51,22 +51,22 @@ pub(crate) struct SuiteArgs {
     pub searches: Vec<PathBuf>,
     /// Make a suite of the present definitions of this earlier one: drive --ego against its tests again, and keep those that it
     /// fails at. Attacked scenes are not written.
-    #[arg(long, value_name = "SUITE", conflicts_with_all = ["searches", "keep", "diverse", "format"], requires = "ego")]
+    #[arg(long, help_heading = SELECTION, value_name = "SUITE", conflicts_with_all = ["searches", "keep", "diverse", "format"], requires = "ego")]
     pub upgrade: Option<PathBuf>,
     /// The driver of --upgrade.
-    #[arg(long, value_name = "POLICY", requires = "upgrade")]
+    #[arg(long, help_heading = DRIVER, value_name = "POLICY", requires = "upgrade")]
     pub ego: Option<PolicyPart>,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Failures of each scene that are kept (default: worst; with --diverse all).
-    #[arg(long, value_enum)]
+    #[arg(long, help_heading = SELECTION, value_enum)]
     pub keep: Option<Keep>,
     /// Keep at most N of these, as different as possible: by type of the collision, relative heading and speed, what both cars
-    /// do, kind of road, and time to react.
-    #[arg(long, value_name = "N", value_parser = tests)]
+    /// do, kind of road, and latest start of an evasive manoeuvre.
+    #[arg(long, help_heading = SELECTION, value_name = "N", value_parser = tests)]
     pub diverse: Option<usize>,
     /// Formats of the attacked scenes.
-    #[arg(long, value_enum, default_value_t = SearchFormat::Native)]
+    #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = SearchFormat::Native)]
     pub format: SearchFormat,
     #[command(flatten)]
     pub folder: FolderArgs,

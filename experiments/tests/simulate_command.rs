@@ -351,7 +351,7 @@ fn drivers_are_tested_in_two_stages() {
         "--out",
         text(&folder.path().join("x")),
     ]);
-    assert_snapshot!(unknown, @"error: unknown policy `nobody`; known: replay, idm, idm-release, idm-nuplan, idm-vmax, r157, pdm, expert, expert-release, ppo, td3, tracking, constant-speed, constant, path, process");
+    assert_snapshot!(unknown, @"error: unknown policy `nobody`; known: replay, idm, idm-release, idm-nuplan, idm-vmax, r157, pdm, expert, expert-release, ppo, td3, tracking, constant-speed, constant, takeover, path, process");
 }
 
 #[test]

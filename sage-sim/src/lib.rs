@@ -5,7 +5,7 @@
 //! - [`Environment`](environment::Environment): reset and step with observation, reward, cost and endings, for
 //!   learning drivers; [`Batch`](batch::Batch) steps many at once.
 //! - [`EgoPolicy`](policy::EgoPolicy): drivers by name ([`policy::policies`]), driven by
-//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`red_lights`] who ran over red, [`reference`] whether another driver prevents it,
+//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`red_lights`] who ran over red, [`mod@reference`] whether another driver prevents it,
 //!   [`avoidable`] whether a manoeuvre exists that does.
 //! - [`AttackTest`](attack_test::AttackTest): a driver before an attack and under it.
 //!

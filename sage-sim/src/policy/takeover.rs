@@ -1,5 +1,5 @@
 //! One policy drives up to *now*, then another that has watched: how a reference driver prevents a contact
-//! ([`crate::reference`]), as a driver to look at.
+//! ([`mod@crate::reference`]), as a driver to look at.
 
 use sage_core::{motion::NOW, objective::PartSpec, registry::Entry};
 use serde::{Deserialize, Serialize};

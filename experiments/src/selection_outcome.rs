@@ -155,8 +155,14 @@ impl Doubted {
             ("contact depth", Some(limit)) => {
                 format!("contact depth ({hits}: at most {nearest:.2} m; {limit:.2} m needed)")
             }
-            ("against traffic", Some(limit)) => {
-                format!("against traffic ({hits}: {nearest:.1} s or more; {limit:.1} s allowed)")
+            (_, Some(limit)) => {
+                let (digits, unit) = match name {
+                    "turning circle" => (2, " rad/m"),
+                    "speeding" => (2, " times the limit"),
+                    "acceleration" | "braking" | "lateral acceleration" => (1, " m/s²"),
+                    _ => (1, " s"),
+                };
+                format!("{name} ({hits}: {nearest:.digits$}{unit} or more; {limit:.digits$}{unit} allowed)")
             }
             _ => format!("{name} ({hits}, from {nearest:.1} s on)"),
         }

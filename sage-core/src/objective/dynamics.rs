@@ -2,7 +2,7 @@
 //!
 //! Speeds are distances over half a second, from half a second before *now* on, and an acceleration is the difference of two
 //! that follow each other. It counts if it lasts: the least of five in a row, half a second. Recorded positions are too noisy
-//! for less. Of 888 recorded vehicles 1 to 2 % break one of the limits, or that of the lateral acceleration
+//! for less. Of 888 recorded vehicles 1.7 % break one of the limits, or that of the lateral acceleration
 //! (`cargo run --release -p sage-data --example recorded_limits`).
 
 use super::{Candidate, Context, naturalness::lane_limit_at, turning::Excess};

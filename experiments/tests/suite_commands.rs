@@ -70,7 +70,7 @@ fn a_driver_that_stands_creeps_or_leaves_the_road_passes_no_test_that_asks_for_p
 }
 
 #[test]
-fn a_suite_of_version_1_is_judged_as_then_and_can_be_upgraded() {
+fn a_suite_of_version_1_is_evaluated_as_then_and_can_be_upgraded() {
     let desk = Desk::new();
     let [now, then] = ["now.jsonl", "then.jsonl"].map(|name| desk.at(name));
     fs::write(&now, desk.test("idm", &["--json"]).stdout).unwrap();

@@ -144,7 +144,7 @@ impl<'p> AttackTest<'p> {
             return self.attack(&path.trajectory, is_feasible);
         };
         let adversary = self.scene.scene().adversary_index()?;
-        episode.judge(self.fault, self.scene.index());
+        episode.apply_fault_rule(self.fault, self.scene.index());
         let verdict = episode.verdict(adversary, is_feasible, &self.unattacked);
         Ok(AttackOutcome { scene: self.scene.clone(), attack: trajectory, adversary, episode, verdict })
     }
@@ -172,7 +172,7 @@ impl<'p> AttackTest<'p> {
             Some(progress) => progress.with_plan(plan)?.finish()?,
             None => Episode::run(&self.scene, Some(plan), self.policy, self.seed)?,
         };
-        episode.judge(self.fault, self.scene.index());
+        episode.apply_fault_rule(self.fault, self.scene.index());
         let verdict = episode.verdict(adversary, is_feasible, &self.unattacked);
         Ok(AttackOutcome { scene: self.scene.clone(), attack: attack.clone(), adversary, episode, verdict })
     }

@@ -260,8 +260,8 @@ impl Episode {
         self.contacts.iter().take_while(move |c| Some(time(c)) == first)
     }
 
-    /// Judges the contacts by a rule.
-    pub(crate) fn judge(&mut self, rule: FaultRule, index: &SceneIndex) {
+    /// Classifies the contacts by a rule of fault.
+    pub(crate) fn apply_fault_rule(&mut self, rule: FaultRule, index: &SceneIndex) {
         for contact in self.contacts.iter_mut().filter(|_| rule == FaultRule::Careful) {
             if contact.class.is_at_fault() == Some(true)
                 && is_slowed(&contact.contact, &self.drive.motions, index)

@@ -15,7 +15,7 @@ use crate::{
     vehicle::{Motion, Vehicle},
 };
 
-/// Speed below which a careful judge looks at who came, m/s.
+/// Speed of an ego that the careful rule looks at, m/s.
 const SLOW: f64 = 3.0;
 /// Speed that an ego loses within half a second if it brakes, m/s.
 const BRAKES: f64 = 0.5;

@@ -86,7 +86,7 @@ fn read(folder: &Path) -> Result<Suite> {
     let suite = read_as_written(folder)?;
     if suite.suite < VERSION {
         progress::say(&format!(
-            "note: `{}` is of version {}: plans without limits of turns, and a test passes if its plan is no failure; it is judged as then (`sage suite --upgrade`)",
+            "note: `{}` is of version {}: plans without limits of turns, and a test passes if its plan is no failure; it is evaluated as then (`sage suite --upgrade`)",
             folder.join(FILE).display(),
             suite.suite
         ));
@@ -202,7 +202,7 @@ fn drive<'s>(
             ensure!(rule.is_feasible(&ctx.candidate(test.plan.clone()), ctx), NOT_FEASIBLE);
             let watching = driver.watching()?;
             let driven = TestDrive::new(driver, &watching, &test.plan)?;
-            Ok(ResultRow::judged(suite, test, &ego.label, driven, asked, seconds()))
+            Ok(ResultRow::measured(suite, test, &ego.label, driven, asked, seconds()))
         });
         row.unwrap_or_else(|error| failed(test, &error, before + clock.elapsed().as_secs_f64()))
     };

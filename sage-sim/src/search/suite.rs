@@ -1,7 +1,7 @@
 //! A suite: failures kept as tests, which say tomorrow whether a driver got better.
 //!
 //! A test is an unchanged scene and a plan of the adversary. [`super::passing`] says when a driver passes. The version says by
-//! which definitions failures were found: those of version 1 know no limit of turns, and their tests are judged by the clauses.
+//! which definitions failures were found: those of version 1 know no limit of turns, and their tests are evaluated by the clauses.
 //!
 //! A suite may come from anywhere: it holds values and names of files inside its own folder, and nothing in it
 //! names a program.

@@ -50,7 +50,7 @@ pub(super) struct ResultRow<'s> {
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 enum Driven {
-    Judged {
+    Measured {
         #[serde(flatten)]
         drive: TestDrive,
         /// Why it failed.
@@ -85,7 +85,7 @@ fn first_version() -> u32 {
 impl<'s> ResultRow<'s> {
     fn new(suite: &Suite, test: &'s SuiteTest, ego: &'s str, driven: Driven, seconds: f64) -> Self {
         let is_passed = match &driven {
-            Driven::Judged { shortfall, .. } => shortfall.is_none(),
+            Driven::Measured { shortfall, .. } => shortfall.is_none(),
             Driven::Clauses { missing, .. } => missing.is_some(),
             Driven::Failed {} => false,
         };
@@ -114,7 +114,7 @@ impl<'s> ResultRow<'s> {
         Self { result: TestResult::Error, error: Some(format!("{error:#}")), ..row }
     }
 
-    pub(super) fn judged(
+    pub(super) fn measured(
         suite: &Suite,
         test: &'s SuiteTest,
         ego: &'s str,
@@ -123,7 +123,7 @@ impl<'s> ResultRow<'s> {
         seconds: f64,
     ) -> Self {
         let shortfall = drive.shortfall(asked);
-        Self::new(suite, test, ego, Driven::Judged { drive, shortfall }, seconds)
+        Self::new(suite, test, ego, Driven::Measured { drive, shortfall }, seconds)
     }
 
     pub(super) fn by_clauses(
@@ -143,7 +143,7 @@ impl<'s> ResultRow<'s> {
         let after = |met: &Met| format!("contact after {:.1} s", met.step as f64 / 10.0);
         match (&self.error, &self.driven) {
             (Some(error), _) => error.clone(),
-            (None, Driven::Judged { drive, shortfall }) => {
+            (None, Driven::Measured { drive, shortfall }) => {
                 let met = drive.contact.as_ref().map_or("no contact".to_owned(), after);
                 let speed = drive.contact.as_ref().map_or(0.0, |met| met.impact_speed);
                 let fault = || format!("{met}, {speed:.1} m/s, {}", fault_words(drive));
@@ -175,7 +175,9 @@ impl<'s> ResultRow<'s> {
     /// The mark of a test that passed with a contact.
     fn mark(&self) -> Option<String> {
         match &self.driven {
-            Driven::Judged { drive, .. } if self.result == TestResult::Passed && drive.contact.is_some() => {
+            Driven::Measured { drive, .. }
+                if self.result == TestResult::Passed && drive.contact.is_some() =>
+            {
                 Some(self.words())
             }
             _ => None,

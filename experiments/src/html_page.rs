@@ -1,5 +1,7 @@
 //! Self-contained HTML pages: a template with its style, script, title and data.
 
+mod glossary;
+
 use anyhow::{Result, anyhow};
 use serde::Serialize;
 use serde_json::Value;
@@ -19,13 +21,15 @@ pub(crate) fn embedded(data: &impl Serialize) -> Result<String> {
     Ok(serde_json::to_string(data)?.replace('<', "\\u003c"))
 }
 
-/// A page of a body with its parts in place of `{{STYLE}}`, `{{SCRIPT}}`, `{{TITLE}}` and `{{DATA}}`.
+/// A page of a body with its parts in place of `{{STYLE}}`, `{{SCRIPT}}`, `{{TITLE}}` and `{{DATA}}`, and the glossary in place
+/// of `{{WORDS}}`.
 ///
 /// *Errors*: a template without the places for title and data.
 pub(crate) fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
     let title = escaped_html(title);
     // The data come last: a title may hold the name of another part.
-    let page = [HEAD, body, TAIL].concat().replace("{{STYLE}}", style).replace("{{SCRIPT}}", script);
+    let page = [HEAD, body, TAIL].concat().replace("{{WORDS}}", &glossary::html());
+    let page = page.replace("{{STYLE}}", style).replace("{{SCRIPT}}", script);
     let parts = page.split_once("{{TITLE}}").and_then(|(head, rest)| {
         let (middle, tail) = rest.split_once("{{DATA}}")?;
         Some([head, &title, middle, data, tail].concat())

@@ -59,7 +59,9 @@ pub use sage_bench::{
     Registries,
     operating_point::{OperatingPointSpec, RowKey},
 };
-pub(crate) use sage_bench::{ego, generators, operating_point, part, react, references, search, selection};
+pub(crate) use sage_bench::{
+    ego, generators, latest_start, operating_point, part, references, search, selection,
+};
 
 /// Runs the command line of this process. Exit codes: 0 all is done, 2 wrong usage, 65 done
 /// but scenes are bad, 70 a scene met a defect of this program, 74 an input or output error that another try may pass, 1

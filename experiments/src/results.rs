@@ -16,7 +16,6 @@ use sage_data::{
 };
 use sage_sim::{
     attack_test::AttackPath,
-    avoidable::{Avoidance, AvoidanceOptions},
     drive::Drive,
     episode::{Episode, Verdict},
     search::{Pool, Requirement, SearchResult},
@@ -72,16 +71,12 @@ pub struct AttackOfDrive<'a> {
 }
 
 impl DriveResult<'_> {
-    /// The row, and the step of the planned contact with the drive before.
-    fn parts(&self) -> Result<(DriveRow, Option<usize>)> {
+    fn drive_row(&self) -> Result<DriveRow> {
         let attack = self.attack.map(|attack| -> Result<_> {
-            let avoidance = Avoidance::new(attack.ctx, AvoidanceOptions::default())?;
             let path = AttackPath::of(attack.trajectory.clone());
-            let planned = PlannedAttack::of(attack.ctx, &avoidance, path).after(attack.queries);
-            let contact = planned.contact;
-            Ok((planned.row(attack.verdict, attack.before), contact))
+            let planned = PlannedAttack::of(attack.ctx, path).after(attack.queries);
+            planned.row(attack.verdict, self.episode, attack.before)
         });
-        let (attack, contact) = attack.transpose()?.unzip();
         let described = Map::new();
         let head = RowHead {
             run_hash: "",
@@ -91,33 +86,33 @@ impl DriveResult<'_> {
             source_hash: "",
             seed: self.seed,
         };
-        Ok((DriveRow::new(head, self.episode, self.scene, attack), contact.flatten()))
+        Ok(DriveRow::new(head, self.episode, self.scene, attack.transpose()?))
     }
 
     /// The row of `sage simulate`.
     ///
     /// *Errors*: those of the search for evasive manoeuvres.
     pub fn row(&self) -> Result<Value> {
-        Ok(without_run(serde_json::to_value(self.parts()?.0)?))
+        Ok(without_run(serde_json::to_value(self.drive_row()?)?))
     }
 
     /// How the drive ended, in words.
     ///
     /// *Errors*: as [`DriveResult::row`].
     pub fn ending(&self) -> Result<String> {
-        Ok(self.parts()?.0.ending())
+        Ok(self.drive_row()?.ending())
     }
 
     /// The page that plays it, with the drive before the attack beside it.
     ///
     /// *Errors*: as [`DriveResult::row`].
     pub fn page(&self) -> Result<String> {
-        let (row, contact) = self.parts()?;
+        let row = self.drive_row()?;
         let plan = self.attack.map(|attack| Plan::of_adversary(self.scene, attack.trajectory)).transpose()?;
         let logged = self.scene.adversary.map(|k| &self.scene.tracks[k]);
         let adversary = plan.as_ref().map(|plan| &plan.motion).or(logged);
         let unattacked = self.attack.map(|attack| player::shown_part(attack.before));
-        let panel = row.panel(self.ego.to_owned(), self.episode, adversary, unattacked, contact);
+        let panel = row.panel(self.ego.to_owned(), self.episode, adversary, unattacked);
         player::page(self.scene, [self.name, ""], &[panel], &[], 1, None)
     }
 }

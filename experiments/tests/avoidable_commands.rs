@@ -25,8 +25,8 @@ fn a_witness_given_back_as_the_egos_path_is_not_hit() {
     assert!(score(&candidates, &[])[0].get("avoidable").is_none());
     let hit = scored.iter().find(|row| row["name"] == "slow to meet").unwrap();
     assert_eq!((&hit["avoidable"], &hit["hit_from_behind"]), (&json!(true), &json!(false)));
-    let time = hit["time_to_react"].as_f64().unwrap();
-    assert!(time <= hit["time_to_brake"].as_f64().unwrap() && time > 0.0, "{hit}");
+    let time = hit["latest_start"].as_f64().unwrap();
+    assert!(time <= hit["latest_brake"].as_f64().unwrap() && time > 0.0, "{hit}");
     let witness = hit["witness"].as_array().unwrap();
     assert_eq!(witness.len(), 80);
     let missed = scored.iter().find(|row| row["name"] == "as logged").unwrap();
@@ -47,7 +47,7 @@ fn a_witness_given_back_as_the_egos_path_is_not_hit() {
     // A driver who cannot brake or steer hard must react earlier.
     let weak = score(&candidates, &["--avoidable", r#"{"brake": 2, "lateral": 1, "accelerate": 0.5}"#]);
     let weak = weak.iter().find(|row| row["name"] == "slow to meet").unwrap();
-    assert!(weak["time_to_react"].as_f64().unwrap() > time, "{weak}");
+    assert!(weak["latest_start"].as_f64().unwrap() > time, "{weak}");
     let wrong = [r#"{"brake": 0}"#, r#"{"brakes": 1}"#, r#"{"refinement": 9}"#];
     let refused = |options: &str| {
         let run = sage(&["score", &scene, "--candidates", &candidates, "--avoidable", options]);
@@ -58,7 +58,7 @@ fn a_witness_given_back_as_the_egos_path_is_not_hit() {
 }
 
 #[test]
-fn generated_attacks_say_how_late_they_are_avoidable_and_react_chooses() {
+fn generated_attacks_say_how_late_they_are_avoidable_and_a_latest_start_chooses() {
     let folder = tempfile::tempdir().unwrap();
     let scenes = folder.path().join("scenes");
     stdout(&sage(&["scenes", "--count", "4", "--seed", "4", "--out", text(&scenes)]));
@@ -90,45 +90,52 @@ fn generated_attacks_say_how_late_they_are_avoidable_and_react_chooses() {
 
     for target in ["0.3", "1"] {
         let mut notes = 0;
-        for row in generate(&format!("react{target}"), &["--react", target]) {
-            assert_eq!(row["react"].as_f64(), target.parse().ok());
-            let (time, note) = (row["scores"]["time_to_react"].as_f64(), row["note"].as_str());
+        for row in generate(&format!("latest{target}"), &["--latest-start", target]) {
+            assert_eq!(row["wanted_latest_start"].as_f64(), target.parse().ok());
+            let (time, note) = (row["scores"]["latest_start"].as_f64(), row["note"].as_str());
             let gap = time.map(|time| (time - target.parse::<f64>().unwrap()).abs());
             match note {
                 None => assert!(gap.unwrap() <= 0.25 + 1e-9, "{time:?}"),
                 Some(note) => {
                     notes += 1;
-                    assert!(note.contains("time to react"), "{note}");
+                    assert!(note.contains("latest start"), "{note}");
                     assert!(gap.is_none_or(|gap| gap > 0.25), "{time:?} with {note}");
                 }
             }
         }
         assert!(notes < 4, "{target}");
     }
-    let error = sage(&["generate", text(&scenes), "--react", "9", "--out", "x"]);
+    let error = sage(&["generate", text(&scenes), "--latest-start", "9", "--out", "x"]);
     assert_snapshot!(stderr(&error), @r"
-    error: invalid value '9' for '--react <T>': 9 is not a time from 0 to 8 seconds
+    error: invalid value '9' for '--latest-start <T>': 9 is not a time from 0 to 8 seconds
 
     For more information, try '--help'.
     ");
 }
 
 #[test]
-fn the_time_to_react_is_measured_over_generators_and_in_the_table() {
+fn the_latest_start_is_measured_over_generators_and_in_the_table() {
     let folder = tempfile::tempdir().unwrap();
-    let [scenes, react, table] = ["scenes", "react", "table"].map(|name| folder.path().join(name));
+    let [scenes, react, table] = ["scenes", "latest-start", "table"].map(|name| folder.path().join(name));
     stdout(&sage(&["scenes", "--count", "3", "--seed", "4", "--out", text(&scenes)]));
     let methods = ["--methods", "sage,rule"];
-    let bench = ["bench", "react", text(&scenes), "--targets", "0.5,2", "--out", text(&react)];
+    let bench = ["bench", "latest-start", text(&scenes), "--targets", "0.5,2", "--out", text(&react)];
     let measured = sage(&[&bench[..], &methods].concat());
-    assert_snapshot!("times_to_react", stdout(&measured));
+    assert_snapshot!("latest_starts", stdout(&measured));
     let csv = fs::read_to_string(react.join("rows.csv")).unwrap();
     assert_eq!(csv.lines().filter(|line| line.contains(",time chosen,")).count(), 2 * 2 * 3);
 
     let bench = ["bench", "open-loop", text(&scenes), "--lambda", "1", "--avoidable", "--out", text(&table)];
     stdout(&sage(&[&bench[..], &methods].concat()));
     let csv = fs::read_to_string(table.join("estimates.csv")).unwrap();
-    for column in ["avoidable", "\"avoidable, nobody behind\"", "recovers", "react", "brake", "steer"] {
+    for column in [
+        "avoidable",
+        "\"avoidable, nobody behind\"",
+        "recovers",
+        "latest start",
+        "\"latest start, braking\"",
+        "\"latest start, steering\"",
+    ] {
         assert!(csv.contains(&format!("sage 1.00,{column},")), "{column}: {csv}");
     }
 }

@@ -116,7 +116,7 @@ fn a_study_is_checked_before_scenes_are_read() {
     ];
     let said = wrong.map(|(from, to)| (to, error(from, to)));
     assert_snapshot!("wrong_studies", messages(said));
-    assert_snapshot!(failure(&["bench", "nothing", "--out", text(&out)]), @"error: there is no study `nothing`; known: open-loop, drivers, front, pareto, dial, mixtures, prediction, closed-loop, ablation, experts, react, connectivity, search, threshold, transfer, learned-selection, learned-experts, paper-table-replay, paper-table-rl, paper-table-expert, paper-table-idm, paper-ablation, paper-parts, paper-pareto, paper-extrapolation, paper-cases; or the file of a study (YAML)");
+    assert_snapshot!(failure(&["bench", "nothing", "--out", text(&out)]), @"error: there is no study `nothing`; known: open-loop, drivers, front, pareto, dial, mixtures, prediction, closed-loop, ablation, experts, latest-start, connectivity, search, threshold, transfer, learned-selection, learned-experts, paper-table-replay, paper-table-rl, paper-table-expert, paper-table-idm, paper-ablation, paper-parts, paper-pareto, paper-extrapolation, paper-cases; or the file of a study (YAML)");
     assert!(!out.exists());
     assert_snapshot!("list_of_studies", stdout(&sage(&["bench", "list"])));
 }
@@ -128,7 +128,7 @@ fn failed_scenes_are_named_and_counted() {
     stdout(&sage(&["scenes", "--count", "2", "--format", "pickle", "--out", text(&scenes)]));
     fs::write(scenes.join("broken.pkl"), b"\x80\x04N.").unwrap();
     let mut said = Vec::new();
-    for study in ["drivers", "react", "prediction"] {
+    for study in ["drivers", "latest-start", "prediction"] {
         let run = sage(&["bench", study, text(&scenes), "--force", "--out", text(&out)]);
         assert_eq!(run.status.code(), Some(BAD_SCENES), "{study}: {}", stderr(&run));
         assert!(out.join("rows.csv").is_file(), "{study}");
@@ -163,12 +163,12 @@ fn a_part_of_another_crate_is_in_every_command() {
     assert_snapshot!("table_with_own_parts", stdout(&table));
     let rows = fs::read_to_string(at("table/rows.csv")).unwrap();
     assert!(rows.contains(",top speed,") && rows.contains(",start gap,"));
-    for study in ["front", "react", "dial", "pareto"] {
+    for study in ["front", "latest-start", "dial", "pareto"] {
         let metrics =
             ["--set", r#"metrics={"trajectory": ["*", "attack"]}"#, "--set", "measure=[trajectory]"];
         let run = run(&program, &[&["bench", study, &scene, "--out", at(study)][..], &metrics].concat());
-        assert!(study == "react" || run.status.success(), "{study}: {}", stderr(&run));
-        if study != "react" {
+        assert!(study == "latest-start" || run.status.success(), "{study}: {}", stderr(&run));
+        if study != "latest-start" {
             assert!(
                 fs::read_to_string(at(&format!("{study}/rows.csv"))).unwrap().contains(",top speed,"),
                 "{study}"

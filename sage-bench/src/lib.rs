@@ -6,7 +6,7 @@
 //! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`table`]: Markdown and CSV. [`published`]: numbers of
 //!   the paper.
 //! - What users name, as studies, commands and programs give it: [`part`], [`operating_point`], [`selection`], [`weights`],
-//!   [`generators`] and [`named_generator`], [`ego`] and [`references`], [`react`], [`search`] and [`named_search`].
+//!   [`generators`] and [`named_generator`], [`ego`] and [`references`], [`latest_start`], [`search`] and [`named_search`].
 
 pub mod chart;
 pub mod curve;
@@ -15,6 +15,7 @@ pub mod ego;
 mod error;
 pub mod estimate;
 pub mod generators;
+pub mod latest_start;
 mod learned_criticality;
 pub mod measure;
 pub mod named_generator;
@@ -23,7 +24,6 @@ pub mod operating_point;
 pub mod part;
 pub mod plan;
 pub mod published;
-pub mod react;
 pub mod references;
 mod registries;
 pub mod report;

@@ -14,7 +14,7 @@ use sage_core::{
 use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
 use sage_sim::{
-    avoidable::{Avoidable, TimeToReact},
+    avoidable::{Avoidable, LatestStart},
     environment::{DrivingReward, reward::driving_rewards},
     metrics::{MeasuredAttack, attack_metrics, avoidable_metrics, drive_metrics, episode_metrics},
     policy::{EgoPolicy, policies},
@@ -79,7 +79,7 @@ impl Registries {
     /// *Errors*: as [`Registries::shipped`].
     pub fn of_attacks() -> Result<Self, Error> {
         Ok(Self {
-            rewards: objective::rewards()?.with::<TimeToReact>()?.with::<LearnedCriticality>()?,
+            rewards: objective::rewards()?.with::<LatestStart>()?.with::<LearnedCriticality>()?,
             feasibilities: objective::feasibilities()?,
             backbones: backbones()?,
             mergers: mergers()?,

@@ -24,7 +24,7 @@ pub const SHIPPED: [(&str, &str); 26] = [
     ("closed-loop", include_str!("../studies/closed-loop.yaml")),
     ("ablation", include_str!("../studies/ablation.yaml")),
     ("experts", include_str!("../studies/experts.yaml")),
-    ("react", include_str!("../studies/react.yaml")),
+    ("latest-start", include_str!("../studies/latest-start.yaml")),
     ("connectivity", include_str!("../studies/connectivity.yaml")),
     ("search", include_str!("../studies/search.yaml")),
     ("threshold", include_str!("../studies/threshold.yaml")),
@@ -93,9 +93,10 @@ pub struct Study {
     pub triangle: Option<TriangleAxis>,
     /// Points of the plane through the prior and two experts, in addition to `lambda`.
     pub plane: Option<PlaneAxis>,
-    /// Targets of the time to react, s: the selection chooses the candidate that is nearest to each.
-    #[serde(deserialize_with = "numbers")]
-    pub react: Vec<f64>,
+    /// Targets of the latest start of an evasive manoeuvre, s before the contact: the selection chooses the candidate that is
+    /// nearest to each.
+    #[serde(deserialize_with = "numbers", alias = "react")]
+    pub latest_start: Vec<f64>,
     /// Options of the search for evasive manoeuvres; without them it is made only for metrics that need it.
     pub avoidable: Option<AvoidanceOptions>,
     /// How searches are made: budget, clauses that are required, order of the plans.

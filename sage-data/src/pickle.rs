@@ -5,6 +5,7 @@
 //! files use are listed by name ([`Global`]). Any other global is an error that names it, so nothing is
 //! ever imported or called. The size of the file bounds work and memory.
 
+mod additions;
 mod build;
 mod dict_writer;
 mod document;

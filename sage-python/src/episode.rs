@@ -185,9 +185,9 @@ impl PyEpisode {
         self.field(py, "contacts")
     }
 
-    /// What `sage simulate` records of the attack: `avoidable` and `time_to_react` (seconds before the contact at which an evasive
-    /// manoeuvre of the drive before could still begin), `time_to_brake`, `time_to_steer`, `feasible`, `believable`, `verdict`, ... None
-    /// without an attack.
+    /// What `sage simulate` records of the attack: `feasible`, `verdict`, and of the attacked drive, where the attack works, `believable`,
+    /// `avoidable` and `latest_start` (seconds before the contact at which an evasive manoeuvre could still begin), `latest_brake`,
+    /// `latest_steer`, ... None without an attack.
     #[getter]
     fn attack<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         self.field(py, "attack")

@@ -216,26 +216,6 @@ pub fn recorded(scene: &SimScene, drive: Option<&Drive>) -> Arc<Scene> {
     drive.map_or_else(|| scene.scene().clone(), |drive| Arc::new(drive.recorded(scene)))
 }
 
-/// Whether a driver in the ego's place does not touch an attacking adversary; `None` if it meets another road user
-/// first.
-///
-/// *Errors*: as [`Episode::run`].
-pub fn avoids(
-    policy: &dyn EgoPolicy,
-    scene: &Arc<SimScene>,
-    attack: &Trajectory,
-    seed: u64,
-) -> Result<Option<bool>, Error> {
-    let adversary = scene.scene().adversary_index()?;
-    let plan = Arc::new(Plan::of_adversary(scene.scene(), attack)?);
-    let episode = Episode::run(scene, Some(plan), policy, seed)?;
-    let mut first = episode.first_contacts().peekable();
-    if first.peek().is_none() {
-        return Ok(Some(true));
-    }
-    Ok(first.any(|contact| contact.contact.other.track == adversary).then_some(false))
-}
-
 /// What a driver does against an attack, up to its first contact.
 pub struct AttackOutcome {
     scene: Arc<SimScene>,

@@ -10,13 +10,14 @@
 //! An evasive manoeuvre that is found exists, and any simulator can replay it. That none is found proves nothing.
 
 mod car;
+pub mod earlier_names;
 mod follower;
+mod latest_start;
 mod limits;
 mod manoeuvres;
 mod motion;
 mod reference_line;
 mod surroundings;
-mod time_to_react;
 
 use sage_core::{
     geometry::{OrientedBox, Point, dot, sub},
@@ -26,8 +27,8 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
+pub use latest_start::{LatestStart, LatestStartOptions};
 pub use limits::AvoidanceOptions;
-pub use time_to_react::{TimeToReact, TimeToReactOptions};
 
 use crate::fault::is_in_one_lane;
 use car::Car;
@@ -59,12 +60,15 @@ pub struct Avoidable {
     pub recovers: Option<bool>,
     /// Whether the last evasive manoeuvre leaves the lane at a frame at which the ego's own path is in one.
     pub leaves_lane: Option<bool>,
-    /// Seconds from the last start to the contact; `None` without an evasive manoeuvre.
-    pub time_to_react: Option<f64>,
+    /// Latest start of an evasive manoeuvre, seconds before the contact; `None` without one.
+    #[serde(flatten, with = "earlier_names::latest_start")]
+    pub latest_start: Option<f64>,
     /// The same of braking alone, on the ego's path.
-    pub time_to_brake: Option<f64>,
+    #[serde(flatten, with = "earlier_names::latest_brake")]
+    pub latest_brake: Option<f64>,
     /// The same of steering alone, at the speed of the start.
-    pub time_to_steer: Option<f64>,
+    #[serde(flatten, with = "earlier_names::latest_steer")]
+    pub latest_steer: Option<f64>,
     /// Peak deceleration of the mildest evasive manoeuvre that begins *now*, m/s²; `None` if only later starts have one.
     pub mildest_deceleration: Option<f64>,
     /// The last evasive manoeuvre.
@@ -76,7 +80,7 @@ impl Avoidable {
     /// The part of the witness from its start on, and the time of the start, seconds after *now*, of an attack whose
     /// contact is at a step.
     pub fn evasion(&self, contact: usize) -> Option<(f64, &[[f64; 3]])> {
-        let start = contact as f64 * DT - self.time_to_react?;
+        let start = contact as f64 * DT - self.latest_start?;
         let first = (start / DT).round().max(0.0) as usize;
         Some((start.max(0.0), self.witness.as_ref()?.get(first.saturating_sub(1)..)?))
     }
@@ -230,17 +234,17 @@ impl Avoidance {
             hit_by_reactive_follower: self.is_hit_by_r157(&followers, &witness, way.start),
             recovers: Some(recovers),
             leaves_lane: self.leaves_lane(&witness, way.start),
-            time_to_react: seconds(&react),
-            time_to_brake: seconds(&search(way.start, &Manoeuvre::brakes)),
-            time_to_steer: seconds(&search(way.start, &Manoeuvre::steers)),
+            latest_start: seconds(&react),
+            latest_brake: seconds(&search(way.start, &Manoeuvre::brakes)),
+            latest_steer: seconds(&search(way.start, &Manoeuvre::steers)),
             mildest_deceleration: self.mildest(&attack),
             witness: Some(witness),
         }
     }
 
-    /// Seconds from the last evasive manoeuvre to a contact at a known step, and nothing else of [`Avoidance::of_contact`];
+    /// Latest start, seconds before a contact at a known step, and nothing else of [`Avoidance::of_contact`];
     /// `None` without a manoeuvre, or if the question does not arise.
-    pub fn time_to_react(&self, candidate: &Candidate, contact: usize) -> Option<f64> {
+    pub fn latest_start(&self, candidate: &Candidate, contact: usize) -> Option<f64> {
         let (contact, attack) = self.prepared(candidate, Some(contact)).ok()?;
         let free = self.latest(attack.prefix.last, &attack, &|_| true)?;
         Some((contact - free.start) as f64 / 10.0)

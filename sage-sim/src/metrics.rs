@@ -130,13 +130,13 @@ pub fn attack_metrics() -> Result<Metrics<MeasuredAttack>, Error> {
         Metric::mean("R_adv, path cut", |a: &A| Some(a.reward_cut.0))
             .about("the published reward: the ego's path ends at its contact"),
         Metric::mean("impact", |a: &A| a.hit().map(|c| c.impact_speed)).unit("m/s").about("of the attacks"),
-        Metric::mean("time to react", searched(|found| found.time_to_react))
+        Metric::mean("latest start", searched(|found| found.latest_start))
             .unit("s")
-            .about("how long before the contact the last evasive manoeuvre starts, of the attacks that have one")
+            .about("how late before the contact an evasive manoeuvre can begin, of the attacks that have one")
         .costly(),
-        Metric::mean("time to brake", searched(|found| found.time_to_brake)).unit("s").about("the same by braking")
+        Metric::mean("latest start, braking", searched(|found| found.latest_brake)).unit("s").about("the same by braking")
         .costly(),
-        Metric::mean("time to steer", searched(|found| found.time_to_steer)).unit("s").about("the same by steering")
+        Metric::mean("latest start, steering", searched(|found| found.latest_steer)).unit("s").about("the same by steering")
         .costly(),
         Metric::share("avoidable, nobody behind", |a: &A| a.avoidable.as_ref()?.avoidable_unhit)
             .about("avoidable without being touched from behind, of the attacks")
@@ -174,11 +174,13 @@ pub fn avoidable_metrics() -> Result<Metrics<Avoidable>, Error> {
         Metric::share("avoidable, nobody behind", |a: &A| a.avoidable_unhit)
             .about("one on which nobody touches the ego from behind"),
         Metric::share("recovers", |a: &A| a.recovers).about("and the ego is back on its way"),
-        Metric::mean("react", |a: &A| a.time_to_react)
+        Metric::mean("latest start", |a: &A| a.latest_start)
             .unit("s")
-            .about("how long before the contact the last one starts"),
-        Metric::mean("brake", |a: &A| a.time_to_brake).unit("s").about("the same by braking"),
-        Metric::mean("steer", |a: &A| a.time_to_steer).unit("s").about("the same by steering"),
+            .about("how late before the contact one can begin"),
+        Metric::mean("latest start, braking", |a: &A| a.latest_brake).unit("s").about("the same by braking"),
+        Metric::mean("latest start, steering", |a: &A| a.latest_steer)
+            .unit("s")
+            .about("the same by steering"),
     ];
     Metrics::default().with_all(all.map(Metric::costly))
 }

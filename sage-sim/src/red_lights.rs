@@ -8,11 +8,12 @@ use std::sync::Arc;
 use sage_core::{
     geometry::{OrientedBox, Point, norm, sub},
     motion::DT,
+    scene::Scene,
 };
 
 use crate::{
     policy::View,
-    route::Localization,
+    route::{Localization, Route},
     route_lights::{RouteLights, StopPlace, state},
     scene::SimScene,
     vehicle::Motion,
@@ -109,30 +110,39 @@ pub fn front(area: &OrientedBox) -> Point {
     [x + area.half_length * cos, y + area.half_length * sin]
 }
 
-/// Steps at which the ego ran over red: its front bumper crossed a stop point on its route at more than 0.5 m/s,
-/// and the light was red at the frame before. `motions` are those of a drive from frame 0 on. `None` if no stop
-/// point lies ahead of the ego at the start, so that it cannot run over one.
+/// Steps at which the ego ran over red. `motions` are those of a drive from frame 0 on. `None` if no stop point lies ahead of
+/// the ego at the start, so that it cannot run over one.
 pub fn over_red(scene: &SimScene, motions: &[Motion]) -> Option<Vec<usize>> {
-    let (lights, route) = (scene.lights(), scene.guide());
     let [length, width] = scene.ego_size();
-    let place = |motion: &Motion| {
-        let area = OrientedBox::new(motion.position, motion.heading, length, width);
-        route.locate(front(&area), Localization::Nearest)
-    };
-    let mut before = place(motions.first()?);
+    let area = |motion: &Motion| OrientedBox::new(motion.position, motion.heading, length, width);
+    let boxes: Vec<OrientedBox> = motions.iter().map(area).collect();
+    crossed_red(scene.scene(), scene.lights(), scene.guide(), &boxes, 0)
+}
+
+/// Steps at which a car with these boxes, from frame `first` on, ran over red: its front bumper crossed a stop point on its
+/// route at more than 0.5 m/s, and the light was red at the frame before. `None` without a stop point ahead at the start.
+pub(crate) fn crossed_red(
+    scene: &Scene,
+    lights: &RouteLights,
+    route: &Route,
+    boxes: &[OrientedBox],
+    first: usize,
+) -> Option<Vec<usize>> {
+    let place = |area: &OrientedBox| route.locate(front(area), Localization::Nearest);
+    let mut before = place(boxes.first()?);
     let mut ahead: Vec<&StopPlace> = lights.stops().iter().filter(|stop| stop.along > before.along).collect();
     if ahead.is_empty() {
         return None;
     }
     let mut steps = Vec::new();
-    for (step, pair) in motions.windows(2).enumerate().map(|(k, pair)| (k + 1, pair)) {
+    for (step, pair) in boxes.windows(2).enumerate().map(|(k, pair)| (first + k + 1, pair)) {
         let now = place(&pair[1]);
-        let way = norm(sub(pair[1].position, pair[0].position));
+        let way = norm(sub(pair[1].center, pair[0].center));
         // Where a route meets itself, the nearest point may jump to another part of it.
         let is_jump = now.along - before.along > 2.0 * way + 1.0;
         let is_passed = |stop: &&StopPlace| now.along >= stop.along;
         if !is_jump && now.across.abs() <= BESIDE && way > CREEPING * DT {
-            let is_red = |stop: &&&StopPlace| state(scene.scene(), stop.light, step - 1).is_red();
+            let is_red = |stop: &&&StopPlace| state(scene, stop.light, step - 1).is_red();
             let crossed = ahead.iter().filter(|stop| is_passed(stop) && before.along < stop.along);
             steps.extend(crossed.filter(is_red).take(1).map(|_| step));
         }

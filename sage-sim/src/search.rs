@@ -6,6 +6,7 @@
 //!
 //! Everything is deterministic: the same driver, pool and options give the same drives in the same order.
 
+pub mod circumstances;
 pub mod clauses;
 pub mod evaluation;
 pub mod features;
@@ -33,6 +34,7 @@ use crate::{
     avoidable::{Avoidable, AvoidanceOptions},
 };
 
+pub use circumstances::Circumstances;
 pub use clauses::{Clause, Clauses, Reason, Requirement};
 pub use evaluation::{AttackedPath, Evaluated, Met, PlanDrives};
 pub use features::Features;
@@ -93,6 +95,8 @@ pub struct Failure {
     pub path: AttackedPath,
     /// The last evasive manoeuvre of that drive.
     pub avoidable: Avoidable,
+    /// Where the adversary comes from, lights, lines and the right of way.
+    pub circumstances: Option<Circumstances>,
 }
 
 /// What a search found in a scene.
@@ -186,7 +190,7 @@ pub fn search(
         let Some(number) = next else {
             let Some(replan) = replan.as_mut() else { break };
             let against = match &newest {
-                Some(path) => ctx.with_ego(&path.ego(ctx.horizon())?)?,
+                Some(path) => path.context(ctx)?,
                 None => ctx.clone(),
             };
             let before = pool.plans.len();
@@ -213,9 +217,9 @@ pub fn search(
         let evaluated = evaluator.evaluate(number, plan, &outcome, &path)?;
         surrogate.see_drive(number, &path);
         if evaluated.clauses.meet(options.require) {
-            let step = evaluated.contact.as_ref().map_or(0, |met| met.step.max(0) as usize);
-            let avoidable = evaluator.avoidable(plan, step, &path)?;
-            result.failures.push(Failure { drive: result.driven.len(), path: path.clone(), avoidable });
+            let (avoidable, circumstances) = evaluator.describe(plan, evaluated.contact.as_ref(), &path)?;
+            let (drive, path) = (result.driven.len(), path.clone());
+            result.failures.push(Failure { drive, path, avoidable, circumstances });
         }
         result.driven.push(evaluated);
         newest = Some(path);

@@ -21,7 +21,7 @@ use sage_core::{
 use sage_data::procedural::{Kind, generate};
 use sage_sim::{
     SimScene,
-    avoidable::{Avoidable, Avoidance, AvoidanceOptions, TimeToReact},
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions, LatestStart},
     episode::Episode,
     policy::policies,
     traffic::Plan,
@@ -73,8 +73,8 @@ fn before_a_wall_of_cars_braking_starts_a_sixteenth_of_the_speed_before() {
         tracks.extend([0.0, 2.1, -2.1, 4.2, -4.2].map(|y| car(&format!("wall {y}"), [ahead, y], 0.0, 0.0)));
         let out = in_street(5.2, tracks);
         assert_eq!((out.avoidable, out.hit_from_behind, out.recovers), (Some(true), Some(false), Some(true)));
-        assert!(is_within_frames(out.time_to_brake, speed / 16.0), "{speed}: {:?}", out.time_to_brake);
-        assert_eq!((out.time_to_react, out.time_to_steer), (out.time_to_brake, None), "{speed}");
+        assert!(is_within_frames(out.latest_brake, speed / 16.0), "{speed}: {:?}", out.latest_brake);
+        assert_eq!((out.latest_start, out.latest_steer), (out.latest_brake, None), "{speed}");
         // From *now* on there is v² / (2 · 2 m/s²) or less to stop in: three seconds at full speed.
         let [free, needs] = [3.0 * speed - 4.5, speed * speed / 4.0];
         let mildest = if needs < free { 2.0 } else { 4.0 };
@@ -88,7 +88,7 @@ fn a_slower_car_in_a_lane_of_walls_needs_the_closing_speed() {
     let [own, other] = [60.0 / 3.6, 40.0 / 3.6];
     let tracks = vec![car("ego", [0.0, 0.0], 0.0, own), car("slow", [30.0, 0.0], 0.0, other)];
     let out = in_street(1.4, tracks);
-    assert!(is_within_frames(out.time_to_brake, (own - other) / 16.0), "{:?}", out.time_to_brake);
+    assert!(is_within_frames(out.latest_brake, (own - other) / 16.0), "{:?}", out.latest_brake);
 }
 
 #[test]
@@ -98,11 +98,11 @@ fn a_sidestep_beats_braking_at_speed() {
     for (speed, is_faster) in [(6.0, false), (16.0, true)] {
         let tracks = vec![car("ego", [0.0, 0.0], 0.0, speed), car("parked", [speed * 4.0, 1.0], 0.0, 0.0)];
         let out = in_street(8.0, tracks);
-        let [brake, steer] = [out.time_to_brake, out.time_to_steer].map(Option::unwrap);
+        let [brake, steer] = [out.latest_brake, out.latest_steer].map(Option::unwrap);
         assert!(is_within_frames(Some(brake), speed / 16.0), "{brake}");
         assert!((0.3..=0.9).contains(&steer), "{speed}: {steer}");
         assert_eq!(steer < brake - 0.1, is_faster, "{speed}: {steer} and {brake}");
-        assert!(out.time_to_react.unwrap() <= brake.min(steer));
+        assert!(out.latest_start.unwrap() <= brake.min(steer));
     }
 }
 
@@ -124,7 +124,7 @@ fn nothing_helps_against_a_car_that_comes_on_in_a_street_of_one_lane() {
         stopping.position[frame][0] = 60.0 - 12.0;
     }
     let out = in_street(1.6, vec![car("ego", [0.0, 0.0], 0.0, 8.0), stopping]);
-    assert!(is_within_frames(out.time_to_react, 0.5), "{:?}", out.time_to_react);
+    assert!(is_within_frames(out.latest_start, 0.5), "{:?}", out.latest_start);
 }
 
 #[test]
@@ -141,7 +141,7 @@ fn a_follower_that_does_not_react_is_told_apart() {
     let out = followed(-16.0);
     assert_eq!((out.avoidable, out.avoidable_unhit), (Some(true), Some(false)));
     assert_eq!(out.hit_from_behind, Some(true));
-    assert!(is_within_frames(out.time_to_brake, 0.75), "{:?}", out.time_to_brake);
+    assert!(is_within_frames(out.latest_brake, 0.75), "{:?}", out.latest_brake);
     // The ego stops within 9 m. A UN R157 driver behind it needs 9 m to react and 13 m to stop: 13 m between the bumpers
     // suffice.
     let r157 = |gap: f64| followed(-4.5 - gap).hit_by_reactive_follower;
@@ -152,7 +152,7 @@ fn a_follower_that_does_not_react_is_told_apart() {
 #[test]
 fn what_has_no_answer_says_why() {
     let reason = |out: Avoidable| {
-        assert_eq!((out.avoidable, out.time_to_react, out.witness), (None, None, None));
+        assert_eq!((out.avoidable, out.latest_start, out.witness), (None, None, None));
         out.avoidable_reason.unwrap()
     };
     let ego = || car("ego", [0.0, 0.0], 0.0, 8.0);
@@ -175,7 +175,7 @@ fn weaker_drivers_must_react_earlier() {
         let tracks = std::iter::once(car("ego", [0.0, 0.0], 0.0, 12.0)).chain(wall);
         context(scene(street(5.2), tracks.collect()))
     };
-    let time = |options| found(&ctx(), options).time_to_react.unwrap();
+    let time = |options| found(&ctx(), options).latest_start.unwrap();
     let plain = time(AvoidanceOptions::default());
     // A ramp of 12.65 m/s³ to 7.593 m/s², as in UN R157: G_req / Δv of the closed form.
     let r157 = time(AvoidanceOptions { brake: 7.593, jerk: Some(12.65), ..AvoidanceOptions::default() });
@@ -187,32 +187,32 @@ fn weaker_drivers_must_react_earlier() {
 }
 
 #[test]
-fn the_time_to_react_is_a_reward() {
+fn the_latest_start_is_a_reward() {
     let ctx = |wall: f64| {
         let tracks = vec![car("ego", [0.0, 0.0], 0.0, 12.0), car("wall", [wall, 0.0], 0.0, 0.0)];
         context(scene(street(1.4), tracks))
     };
-    let registry = rewards().unwrap().with::<TimeToReact>().unwrap();
+    let registry = rewards().unwrap().with::<LatestStart>().unwrap();
     let score = |ctx: &Context, target: f64| {
-        let reward = registry.build("time-to-react", &serde_json::json!({"target": target})).unwrap();
+        let reward = registry.build("latest-start", &serde_json::json!({"target": target})).unwrap();
         let candidate = ctx.candidate(recorded(ctx));
         let value = reward.score(&Situation::new(&candidate, ctx.ego(), ctx)).unwrap();
         assert!(reward.slow_range().is_some_and(|[low, high]| (low..=high).contains(&value)));
         value
     };
     let near = ctx(64.0);
-    let time = found(&near, AvoidanceOptions::default()).time_to_react.unwrap();
+    let time = found(&near, AvoidanceOptions::default()).latest_start.unwrap();
     assert_eq!(score(&near, time), 0.0);
     assert!((score(&near, 1.5) + (1.5 - time)).abs() < 1e-9 && score(&near, 8.0) == -3.0);
     assert_eq!(score(&ctx(200.0), 1.5), -3.0);
-    assert_snapshot!(registry.build("time-to-react", &serde_json::json!({"target": 9})).err().unwrap(), @"options of reward `time-to-react`: `target` is 9; expected 0 to 8 seconds");
+    assert_snapshot!(registry.build("latest-start", &serde_json::json!({"target": 9})).err().unwrap(), @"options of reward `latest-start`: `target` is 9; expected 0 to 8 seconds");
     // It is slow, so tables have it only on demand.
     let rules = feasibilities().unwrap();
     let spec: ObjectiveSpec =
-        serde_json::from_value(serde_json::json!({"terms": [{"name": "time-to-react", "weight": 1}]}))
+        serde_json::from_value(serde_json::json!({"terms": [{"name": "latest-start", "weight": 1}]}))
             .unwrap();
     let shown =
-        |spec| FurtherMeasures::of(&registry, &rules, spec).unwrap().rewards().any(|n| n == "time-to-react");
+        |spec| FurtherMeasures::of(&registry, &rules, spec).unwrap().rewards().any(|n| n == "latest-start");
     assert!(!shown(None) && shown(Some(&spec)));
 }
 
@@ -248,7 +248,7 @@ fn witnesses_touch_nothing_when_other_code_replays_them() {
             let candidate = ctx.candidate(plan);
             let [coarse, out] = [0, 1].map(|k| searches[k].of(&candidate));
             // A finer search loses no evasive manoeuvre, and finds none that starts earlier.
-            let latest = |out: &Avoidable| out.time_to_react.unwrap_or(f64::INFINITY);
+            let latest = |out: &Avoidable| out.latest_start.unwrap_or(f64::INFINITY);
             assert!(latest(&out) <= latest(&coarse), "{}", scene.id);
             // The finest of these is slow.
             if attacks % 8 == 0 {

@@ -118,7 +118,7 @@ fn an_evasive_manoeuvre_does_not_evade_what_is_above() {
     let time = |scene: &Scene| {
         let ctx = context(scene);
         let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default()).unwrap();
-        avoidance.of_contact(&ctx.candidate(recorded(scene)), Some(49)).time_to_react.unwrap()
+        avoidance.of_contact(&ctx.candidate(recorded(scene)), Some(49)).latest_start.unwrap()
     };
     // On one level the car is in the way.
     let mut flat = scene.clone();

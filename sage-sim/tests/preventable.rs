@@ -5,16 +5,19 @@
 use std::sync::Arc;
 
 use sage_core::{
-    motion::{HORIZON, NOW, Trajectory},
+    motion::{HORIZON, NOW, Pose, Trajectory},
     scene::SceneIndex,
 };
 use sage_data::procedural::{Kind, generate};
 use sage_sim::{
-    SimScene,
+    Error, SimScene,
     attack_test::AttackTest,
     fault::{FaultClass, FaultRule},
-    policy::{EgoPolicy, policies},
+    policy::{Driver, EgoPolicy, Start, View, policies},
     reference::Reference,
+    search::passing::{Asked, TestDrive},
+    vehicle::Motion,
+    world::Control,
 };
 use serde_json::json;
 
@@ -153,4 +156,64 @@ fn the_careful_rule_excuses_an_ego_that_has_braked_in_its_lane_and_no_other() {
         }
     }
     assert!(same > 10, "{same} contacts keep their class, {excused} are excused");
+}
+
+/// A driver that goes along given motions, one for each frame.
+#[derive(Clone)]
+struct Along {
+    motions: Arc<Vec<Motion>>,
+    frame: usize,
+}
+
+impl EgoPolicy for Along {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+impl Driver for Along {
+    fn control(&mut self, _: &View) -> Result<Control, Error> {
+        self.frame += 1;
+        let Motion { position, heading, velocity, .. } = self.motions[self.frame.min(self.motions.len() - 1)];
+        Ok(Control::Pose { pose: Pose { position, heading }, velocity: Some(velocity) })
+    }
+
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+#[test]
+fn a_driver_at_thirty_percent_of_the_speed_of_the_reference_passes_no_test_that_asks_for_progress() {
+    let tested = policy("idm", json!({}));
+    let references = ["r157", "pdm", "expert"].map(named);
+    let mut asked = 0;
+    for (scene, plans) in scenes() {
+        let test = AttackTest::new(&*tested, &scene, 3).unwrap().with_references(&references);
+        let watching = test.watching().unwrap();
+        for plan in &plans {
+            let prevention = watching.prevention(plan).unwrap();
+            if prevention.by().is_none() {
+                continue;
+            }
+            // The way of the reference, in each frame less than a third as far.
+            let slowed = |step: usize| {
+                let at = 0.3 * step as f64;
+                let [a, b] = [at.floor(), at.ceil()].map(|k| prevention.motions[k as usize]);
+                let between = |x: [f64; 2], y: [f64; 2]| [0, 1].map(|k| x[k] + at.fract() * (y[k] - x[k]));
+                let velocity = between(a.velocity, b.velocity).map(|v| 0.3 * v);
+                Motion { position: between(a.position, b.position), velocity, ..a }
+            };
+            let before = test.unattacked().motions[..=NOW].iter().copied();
+            let motions = before.chain((1..prevention.motions.len()).map(slowed)).collect();
+            let slow = Along { motions: Arc::new(motions), frame: 0 };
+            let slow_test = AttackTest::new(&slow, &scene, 3).unwrap();
+            let drive = TestDrive::new(&slow_test, &watching, plan).unwrap();
+            if drive.progress.is_asked() {
+                asked += 1;
+                assert!(drive.shortfall(Asked::default()).is_some(), "{drive:?}");
+            }
+        }
+    }
+    assert!(asked > 10, "{asked} tests ask for progress");
 }

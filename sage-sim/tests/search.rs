@@ -201,7 +201,7 @@ fn the_attacked_path_goes_on_at_constant_velocity_after_the_contact() {
         let test = AttackTest::new(&*driver, &simulated, 0).unwrap();
         let outcome = test.attack(&plan.trajectory, true).unwrap();
         let step = outcome.episode.contacts[0].contact.step - NOW;
-        (AttackedPath::of(&outcome, &test), step, test.unattacked().clone())
+        (AttackedPath::of(&outcome.episode, test.unattacked()), step, test.unattacked().clone())
     };
     let (path_of, step, _) = path("constant-speed");
     assert_eq!(path_of.positions.len(), HORIZON);

@@ -42,7 +42,7 @@ Examples:
   sage generate examples/crossing.pkl --lambda 1 --out attacked/
   sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json
   sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/
-  sage generate scenes/ --lambda 1 --react 1.5 --out late/
+  sage generate scenes/ --lambda 1 --latest-start 1.5 --out late/
   sage generate scenes/0.pkl --ego path:drive.json --lambda 1 --out against-it/")]
 pub(crate) struct GenerateArgs {
     /// Scene file, TFRecord file, record (FILE#3), or folder of them.
@@ -59,11 +59,10 @@ pub(crate) struct GenerateArgs {
     pub ego: PolicyPart,
     #[command(flatten)]
     pub planner: PlannerArgs,
-    /// Time to react, seconds: choose the most adversarial candidate that a reaction this long before the contact
-    /// avoids and no later one (within 0.25 s), else the nearest, with a note. More candidates hold more late and
-    /// early ones: --options '{"candidates": 384, "apart": 2}'.
-    #[arg(long, help_heading = SELECTION, value_name = "T", value_parser = seconds)]
-    pub react: Option<f64>,
+    /// Choose the most adversarial candidate whose latest evasive manoeuvre begins this many seconds before the contact (within
+    /// 0.25 s), else the nearest, with a note. More candidates hold more late and early ones: --options '{"candidates": 384, "apart": 2}'.
+    #[arg(long, alias = "react", help_heading = SELECTION, value_name = "T", value_parser = seconds)]
+    pub latest_start: Option<f64>,
     #[command(flatten, next_help_heading = SELECTION)]
     pub avoidable: AvoidableArgs,
     /// Print one JSON object per scene and operating point.

@@ -4,7 +4,7 @@ use clap::Args;
 use sage_sim::avoidable::AvoidanceOptions;
 
 use super::number;
-use crate::react;
+use crate::latest_start;
 
 /// Name of the preset of comfortable limits.
 const COMFORTABLE: &str = "comfortable";
@@ -28,8 +28,8 @@ impl AvoidableArgs {
 
 pub(super) fn seconds(text: &str) -> std::result::Result<f64, String> {
     let seconds = number(text)?;
-    if !(0.0..=react::LONGEST).contains(&seconds) {
-        return Err(format!("{seconds} is not a time from 0 to {} seconds", react::LONGEST));
+    if !(0.0..=latest_start::LONGEST).contains(&seconds) {
+        return Err(format!("{seconds} is not a time from 0 to {} seconds", latest_start::LONGEST));
     }
     Ok(seconds)
 }

@@ -38,7 +38,7 @@ pub(crate) struct StudyArgs {
     pub axes: AxisArgs,
     #[command(flatten, next_help_heading = SELECTION)]
     pub avoidable: AvoidableArgs,
-    /// Replace a field of the study, such as react=1,2 or 'metrics={"trajectory": ["*"]}'; may be repeated.
+    /// Replace a field of the study, such as latest_start=1,2 or 'metrics={"trajectory": ["*"]}'; may be repeated.
     #[arg(long, help_heading = STUDY, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
     /// Number of procedural scenes, if no SCENES are given.
@@ -107,9 +107,9 @@ pub(crate) struct AxisArgs {
     /// Weights of the experts by name, in place of lambda: realistic=0.5,adversarial=0.3,lawful=0.2.
     #[arg(long, value_name = "NAME=W,...", conflicts_with_all = ["lambda", "aggression"])]
     pub mix: Option<String>,
-    /// Comma-separated times to react that are aimed at, seconds.
-    #[arg(long, help_heading = SELECTION, alias = "targets", value_name = "TIMES")]
-    pub react: Option<String>,
+    /// Comma-separated latest starts that are aimed at, seconds before the contact.
+    #[arg(long, help_heading = SELECTION, aliases = ["react", "targets"], value_name = "TIMES")]
+    pub latest_start: Option<String>,
     /// Comma-separated radii of the suppression among predictions, metres.
     #[arg(long, help_heading = STUDY, value_name = "M")]
     pub radius: Option<String>,
@@ -140,7 +140,7 @@ impl AxisArgs {
             ("lambda", &self.lambda),
             ("mu", &self.mu),
             ("aggression", &self.aggression),
-            ("react", &self.react),
+            ("latest_start", &self.latest_start),
             ("radius", &self.radius),
             ("runs", &self.runs),
         ];

@@ -80,10 +80,14 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
         count <= MOST,
         "the searches hold {count} failures; a page shows at most {MOST}: give --keep worst"
     );
+    let rows = || searches.iter().flat_map(|search| search.rows.iter().map(move |row| (search, row)));
+    for (search, row) in rows().filter(|(_, row)| row.failures() > 0) {
+        let context = || format!("`{}`, scene `{}`", search.folder.display(), row.scene());
+        search.unchanged(row).with_context(context)?;
+    }
     let folder = Folder::make(&args.folder.out, args.folder.force)?;
     let earlier = files::read_text(&folder.path().join(FILE), LIMIT).map(|page| pages_of(&page));
     folder.inner(SCENES.as_ref())?;
-    let rows = || searches.iter().flat_map(|search| search.rows.iter().map(move |row| (search, row)));
     let named = page_names(rows().filter(|(_, row)| row.failures() > 0));
     let found: Vec<Result<OfScene>> = named
         .par_iter()

@@ -130,7 +130,7 @@ impl<W: Write> Table<'_, W> {
             head += &format!(" {name:>width$}", width = column(name));
         }
         if row.avoidable.is_some() {
-            head += " avoidable react brake steer";
+            head += " avoidable latest brake steer";
         }
         head
     }
@@ -147,10 +147,10 @@ impl<W: Write> Table<'_, W> {
             further += &format!(" {satisfied:>width$}", width = column(name));
         }
         if let Some(a) = &row.avoidable {
-            let [react, brake, steer] =
-                [a.time_to_react, a.time_to_brake, a.time_to_steer].map(|time| number(time, 1));
+            let [latest, brake, steer] =
+                [a.latest_start, a.latest_brake, a.latest_steer].map(|time| number(time, 1));
             let avoidable = a.avoidable.map_or("-", yes);
-            further += &format!(" {avoidable:>9} {react:>5} {brake:>5} {steer:>5}");
+            further += &format!(" {avoidable:>9} {latest:>6} {brake:>5} {steer:>5}");
         }
         format!(
             "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4} {:>5.0} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}",
@@ -178,7 +178,7 @@ impl<W: Write> Table<'_, W> {
 
 /// Heads of the columns that fit a terminal.
 fn narrow_head(row: &ScoreRow) -> String {
-    let avoidable = if row.avoidable.is_some() { " react" } else { "" };
+    let avoidable = if row.avoidable.is_some() { " latest" } else { "" };
     format!(
         "{:<24} {:>6} {:>5} {:>7} {:>7} {:>8} {:>10}{avoidable}",
         "candidate", "R_adv", "hit", "P_kin", "P_beh", "feasible", "believable"
@@ -188,7 +188,7 @@ fn narrow_head(row: &ScoreRow) -> String {
 /// The columns that fit a terminal.
 fn narrow_cells(row: &ScoreRow) -> String {
     let s = &row.scores;
-    let react = row.avoidable.as_ref().map(|avoidable| format!(" {:>5}", number(avoidable.time_to_react, 1)));
+    let latest = row.avoidable.as_ref().map(|avoidable| format!(" {:>6}", number(avoidable.latest_start, 1)));
     format!(
         "{:<24} {:>6.3} {:>5} {:>7.3} {:>7.3} {:>8} {:>10}{}",
         row.name.escape_debug().to_string(),
@@ -198,7 +198,7 @@ fn narrow_cells(row: &ScoreRow) -> String {
         s.behavior_penalty,
         yes(s.feasible),
         s.believable.map_or("-", yes),
-        react.unwrap_or_default()
+        latest.unwrap_or_default()
     )
 }
 

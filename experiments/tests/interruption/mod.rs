@@ -43,7 +43,7 @@ pub const STUDIES: &[&str] = &[
     "pareto",
     "dial",
     "mixtures",
-    "react",
+    "latest-start",
     "prediction",
     "experts",
     "ablation",

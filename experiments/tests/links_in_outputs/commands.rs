@@ -86,7 +86,11 @@ pub const COMMANDS: &[Row] = &[
     ),
     ("drivers", &["bench", "drivers", "scenes", "--policies", "idm", "--unattacked"], &[]),
     ("front", &["bench", "front", "scenes", "--weights", "procedural", "--methods", "rule"], &[]),
-    ("react", &["bench", "react", "scenes", "--weights", "procedural", "--methods", "rule"], &[]),
+    (
+        "latest-start",
+        &["bench", "latest-start", "scenes", "--weights", "procedural", "--methods", "rule"],
+        &[],
+    ),
     ("dial", &["bench", "dial", "scenes", "--weights", "procedural"], &[]),
     ("closed-loop", &["bench", "closed-loop", "scenes", "--policies", "idm", "--methods", "rule"], &[]),
     ("connectivity", &["analyse", "connectivity", "--weights", "procedural"], &[]),

@@ -32,7 +32,7 @@ use crate::{
     Registries,
     ego::Ego,
     generators::BuiltGenerator,
-    react,
+    latest_start,
     rows::{Cell, Key, Subject},
     study::{PlannedAgainst, Study},
 };
@@ -127,7 +127,7 @@ impl Attacks {
             objective,
             search: study.avoidable.unwrap_or_default(),
             searches,
-            targets: study.react.clone(),
+            targets: study.latest_start.clone(),
             planned_against: match &study.planned_against[..] {
                 [] => vec![PlannedAgainst::Drive],
                 given => given.to_vec(),
@@ -347,9 +347,9 @@ impl Attacks {
                 key += 1;
             }
             if let Some(avoidance) = avoidance.as_ref().filter(|_| !self.targets.is_empty()) {
-                let avoided = react::avoided(attack, ctx, &self.objective, point.mu, avoidance);
+                let avoided = latest_start::avoided(attack, ctx, &self.objective, point.mu, avoidance);
                 for target in &self.targets {
-                    let time = react::chosen(&avoided, *target).map(|one| one.time);
+                    let time = latest_start::chosen(&avoided, *target).map(|one| one.time);
                     let choice = Some(Choice { target: *target, time });
                     cells.push(cell(key, &self.plans, &MeasuredPlan { choice, ..MeasuredPlan::default() }));
                     key += 1;

@@ -124,8 +124,9 @@ pub(super) fn tables(study: &Study, results: &Results) -> Result<Vec<Table>> {
     let wanted = &study.report.curves;
     let mut tables = Vec::new();
     for subject in [Subject::Trajectory, Subject::Policy] {
-        let lines: Vec<Line> =
-            lines(results, subject).into_iter().filter(|line| line.name != "prior").collect();
+        // Without selection the prior is one policy, whatever λ is.
+        let is_curve = |line: &Line| subject != Subject::Policy || line.name != "prior";
+        let lines: Vec<Line> = lines(results, subject).into_iter().filter(is_curve).collect();
         if wanted.is_empty() || lines.is_empty() {
             continue;
         }

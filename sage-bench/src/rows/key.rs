@@ -100,7 +100,7 @@ pub struct Key {
     /// Operating point; none if nothing depends on one.
     #[serde(default)]
     pub point: Option<OperatingPointSpec>,
-    /// What is aimed at or varied further, such as the time to react, s.
+    /// What is aimed at or varied further, such as the latest start, s.
     #[serde(default)]
     pub target: Option<f64>,
     /// Driver that the plan was made against, in a study of transfer, whose arms are the tested drivers; empty in others.

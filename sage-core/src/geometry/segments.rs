@@ -69,6 +69,15 @@ impl Segment {
         self.z[0] + share * (self.z[1] - self.z[0])
     }
 
+    /// Whether a straight step shares a point with the segment, which is not parallel to it.
+    pub fn meets(&self, [from, to]: [Point; 2]) -> bool {
+        let are_beside = |a: Point, b: Point, p: Point, q: Point| {
+            let way = sub(b, a);
+            cross(way, sub(p, a)) * cross(way, sub(q, a)) <= 0.0
+        };
+        are_beside(from, to, self.a, self.b) && are_beside(self.a, self.b, from, to)
+    }
+
     /// Bounds of the parts of the segment, each at most `length` long.
     fn parts(self, length: f64) -> impl Iterator<Item = Aabb> {
         let count = (norm(sub(self.b, self.a)) / length).ceil().max(1.0);

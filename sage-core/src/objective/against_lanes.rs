@@ -13,7 +13,7 @@ use std::ops::RangeInclusive;
 
 use super::{Candidate, Context};
 use crate::{
-    geometry::{Aabb, Point, Segment, cross, dot, norm, sub},
+    geometry::{Aabb, Point, Segment, dot, norm},
     motion::DT,
 };
 
@@ -66,13 +66,10 @@ pub fn turn_from_wrong_lane(candidate: &Candidate, ctx: &Context) -> Option<usiz
     let crosses_lane = |step: usize, axis: Point| {
         let from = if step == 1 { candidate.start().position } else { candidate.points()[step - 2] };
         let to = candidate.points()[step - 1];
-        let bounds = Aabb {
-            min: [from[0].min(to[0]), from[1].min(to[1])],
-            max: [from[0].max(to[0]), from[1].max(to[1])],
-        };
+        let bounds = Aabb::of([from, to]);
         lanes.near(&bounds).flatten().any(|k| {
             let lane = &lanes.segments()[k];
-            cosine(lane, now) > CLOSELY && cosine(lane, axis) < CLOSELY && meet([from, to], [lane.a, lane.b])
+            cosine(lane, now) > CLOSELY && cosine(lane, axis) < CLOSELY && lane.meets([from, to])
         })
     };
     candidate.steps().find(|step| {
@@ -100,13 +97,4 @@ fn cosine(segment: &Segment, axis: Point) -> f64 {
     let way = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
     let length = norm(way);
     if length > 0.0 { dot(way, axis) / length } else { -1.0 }
-}
-
-/// Whether two segments that are not parallel share a point.
-fn meet([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
-    let parts = |from: Point, to: Point, p: Point, q: Point| {
-        let way = sub(to, from);
-        cross(way, sub(p, from)) * cross(way, sub(q, from)) <= 0.0
-    };
-    parts(a, b, c, d) && parts(c, d, a, b)
 }

@@ -72,6 +72,11 @@ impl Reason {
         Self { reason: violation.rule.clone(), value: violation.step as f64 * DT, limit: None }
     }
 
+    /// A contact of too small a depth, metres.
+    pub fn shallow(depth: f64) -> Self {
+        Self { reason: CONTACT_DEPTH.into(), value: depth, limit: Some(MIN_DEPTH) }
+    }
+
     /// The reason as words, for tables and captions.
     pub fn words(&self) -> String {
         let value = self.value;
@@ -116,16 +121,16 @@ pub fn doubts(situation: &Situation, violations: &[Violation]) -> Option<Vec<Rea
     }
     let depth = contact_depth(candidate, ego);
     if depth < MIN_DEPTH {
-        reasons.push(Reason { reason: CONTACT_DEPTH.into(), value: depth, limit: Some(MIN_DEPTH) });
+        reasons.push(Reason::shallow(depth));
     }
     let against = against_traffic(situation, Phase::Before);
     // Half a step of tolerance: a time is a count of steps.
     if against > MAX_AGAINST + 0.5 * DT {
         reasons.push(Reason { reason: AGAINST_TRAFFIC.into(), value: against, limit: Some(MAX_AGAINST) });
     }
-    let beyond = exceeded(candidate, ctx).into_iter().filter_map(|(reason, excess)| {
-        let Excess { value, limit, .. } = excess?;
-        Some(Reason { reason: reason.into(), value, limit: Some(limit) })
+    let beyond = LIMITS.iter().filter_map(|(reason, exceeds)| {
+        let Excess { value, limit, .. } = exceeds(candidate, ctx)?;
+        Some(Reason { reason: (*reason).into(), value, limit: Some(limit) })
     });
     reasons.extend(beyond);
     let before = || Phase::Before.steps(encounter);
@@ -156,22 +161,23 @@ pub fn is_believable(situation: &Situation) -> bool {
 pub fn drives_believably(situation: &Situation) -> bool {
     let Situation { candidate, encounter, ctx, .. } = situation;
     let before = || Phase::Before.steps(encounter);
-    exceeded(candidate, ctx).iter().all(|(_, excess)| excess.is_none())
+    LIMITS.iter().all(|(_, exceeds)| exceeds(candidate, ctx).is_none())
         && across_lanes(candidate, ctx, before()) <= MAX_ACROSS + 0.5 * DT
         && u_turn(candidate, ctx, before()).is_none()
         && turn_from_wrong_lane(candidate, ctx).is_none()
 }
 
-/// Limits of a car and of its driver, and by how much a plan exceeds them.
-fn exceeded(candidate: &Candidate, ctx: &Context) -> [(&'static str, Option<Excess>); 5] {
-    [
-        (TURNING_CIRCLE, tight_turn(candidate, TURN)),
-        (LATERAL_ACCELERATION, fast_turn(candidate, LATERAL)),
-        (HARD_ACCELERATION, hard_acceleration(candidate, ctx, ACCELERATION)),
-        (HARD_BRAKING, hard_braking(candidate, ctx, BRAKING)),
-        (SPEEDS, speeding(candidate, ctx, SPEEDING)),
-    ]
-}
+/// How a plan exceeds a limit of a car or of its driver.
+type Exceeds = fn(&Candidate, &Context) -> Option<Excess>;
+
+/// Limits of a car and of its driver.
+const LIMITS: [(&str, Exceeds); 5] = [
+    (TURNING_CIRCLE, |plan, _| tight_turn(plan, TURN)),
+    (LATERAL_ACCELERATION, |plan, _| fast_turn(plan, LATERAL)),
+    (HARD_ACCELERATION, |plan, ctx| hard_acceleration(plan, ctx, ACCELERATION)),
+    (HARD_BRAKING, |plan, ctx| hard_braking(plan, ctx, BRAKING)),
+    (SPEEDS, |plan, ctx| speeding(plan, ctx, SPEEDING)),
+];
 
 /// Whether an attack is believable by `believable-1`.
 pub fn is_believable_1(situation: &Situation) -> bool {

@@ -29,6 +29,7 @@ pub struct SceneIndex {
     medians: OnceLock<SegmentIndex>,
     edges: OnceLock<SegmentIndex>,
     motor_lanes: OnceLock<SegmentIndex>,
+    solid_lines: OnceLock<SegmentIndex>,
     along: OnceLock<Vec<f64>>,
     largest_step: OnceLock<f64>,
 }
@@ -45,6 +46,7 @@ impl SceneIndex {
             medians: OnceLock::new(),
             edges: OnceLock::new(),
             motor_lanes: OnceLock::new(),
+            solid_lines: OnceLock::new(),
             along: OnceLock::new(),
             largest_step: OnceLock::new(),
         })
@@ -116,6 +118,11 @@ impl SceneIndex {
     /// Centre lines of lanes for motor vehicles.
     pub fn motor_lanes(&self) -> &SegmentIndex {
         self.motor_lanes.get_or_init(|| self.build(MapKind::is_motor_lane))
+    }
+
+    /// Solid lines that are painted on the road.
+    pub fn solid_lines(&self) -> &SegmentIndex {
+        self.solid_lines.get_or_init(|| self.build(MapKind::is_solid_line))
     }
 
     /// Distance of each point of the map along its feature from the feature's first point, metres, in the

@@ -91,6 +91,11 @@ impl MapKind {
         self.is_motor_lane() || matches!(self, Self::LaneBike)
     }
 
+    /// Whether it is a solid line that is painted on the road, single or double.
+    pub fn is_solid_line(&self) -> bool {
+        matches!(self, Self::Line(name) if name.contains("SOLID"))
+    }
+
     /// Whether it bounds the road.
     pub fn is_edge(&self) -> bool {
         matches!(self, Self::EdgeBoundary | Self::EdgeMedian | Self::EdgeOther(_))

@@ -21,7 +21,7 @@ Errors = dict[str, Exception]
 class Failure:
     """A plan of the adversary that a driver fails at.
 
-    `row` is what `sage search` records of it, a dictionary: `drive`, `plan`, `contact`, `clauses`, `reward`, `time_to_react`, ...
+    `row` is what `sage search` records of it, a dictionary: `drive`, `plan`, `contact`, `clauses`, `reward`, `latest_start`, ...
     """
 
     def __init__(self, scene: _advsage.Scene, row: dict[str, Any]) -> None:
@@ -85,7 +85,8 @@ class Failures(Sequence[Failure]):
                 "class": contact["class"],
                 "reward": failure.row["reward"],
                 **clauses,
-                "time_to_react": failure.row.get("time_to_react"),
+                "latest_start": failure.row.get("latest_start"),
+                **(failure.row.get("circumstances") or {}),
             }
 
         return pandas.DataFrame([row(failure) for failure in self])
@@ -225,7 +226,7 @@ class Stress(Sequence[_advsage.Episode]):
                 "contact_with": first.get("with"),
                 "impact_speed": first.get("impact_speed"),
                 "class": first.get("class"),
-                "time_to_react": (episode.attack or {}).get("time_to_react"),
+                "latest_start": (episode.attack or {}).get("latest_start"),
             }
 
         return pandas.DataFrame([row(episode) for episode in self])

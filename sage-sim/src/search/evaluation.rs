@@ -10,12 +10,13 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Clause, Clauses, PoolPlan, Requirement, SearchOptions, onset::onset};
+use super::{Circumstances, Clause, Clauses, PoolPlan, Requirement, SearchOptions, onset::onset};
 use crate::{
     Error,
     attack_test::{AttackOutcome, AttackTest},
-    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
-    episode::Progress,
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions, earlier_names},
+    drive::Drive,
+    episode::{Episode, Progress},
     fault::FaultClass,
     reference::{Answer, Watching},
     vehicle::{Motion, SUBSTEP, SUBSTEPS},
@@ -65,15 +66,15 @@ pub struct Evaluated {
     pub clauses: Clauses,
     /// The paper's reward with the contact of the drive; 0 if the driver gave an error.
     pub reward: f64,
-    /// Seconds from the last evasive manoeuvre to the contact, if the clause holds.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub time_to_react: Option<f64>,
-    /// Seconds from the onset of the plan to the last evasive manoeuvre.
+    /// Latest start of an evasive manoeuvre, seconds before the contact; `None` without one, or if it was not asked for.
+    #[serde(flatten, with = "earlier_names::latest_start")]
+    pub latest_start: Option<f64>,
+    /// Seconds from the onset of the plan to the latest start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub human_time: Option<f64>,
-    /// Whether there is an evasive manoeuvre within the limits of UN R157's driver; asked of avoidable attacks.
+    /// Latest start within the limits of UN R157's driver, asked if there is one at all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub avoidable_r157: Option<bool>,
+    pub latest_start_r157: Option<f64>,
     /// The reference drivers that were asked whether the contact is preventable.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<Answer>,
@@ -90,9 +91,9 @@ impl Evaluated {
             contact: None,
             clauses: Clauses::default(),
             reward: 0.0,
-            time_to_react: None,
+            latest_start: None,
             human_time: None,
-            avoidable_r157: None,
+            latest_start_r157: None,
             references: Vec::new(),
             error: Some(error),
         }
@@ -129,7 +130,7 @@ impl<'t> Evaluator<'t> {
     /// *Errors*: as [`AttackTest::attack`].
     pub(super) fn drive(&self, plan: &PoolPlan) -> Result<(AttackOutcome, AttackedPath), Error> {
         let outcome = self.test.attack_from(self.until_now.as_ref(), plan.candidate.trajectory(), true)?;
-        let path = AttackedPath::of(&outcome, self.test);
+        let path = AttackedPath::of(&outcome.episode, self.test.unattacked());
         Ok((outcome, path))
     }
 
@@ -148,9 +149,9 @@ impl<'t> Evaluator<'t> {
             contact: Met::first(outcome, self.test),
             clauses: Clauses { attack: outcome.verdict.attack, ..Clauses::default() },
             reward: outcome.reward(),
-            time_to_react: None,
+            latest_start: None,
             human_time: None,
-            avoidable_r157: None,
+            latest_start_r157: None,
             references: Vec::new(),
             error: None,
         };
@@ -160,7 +161,7 @@ impl<'t> Evaluator<'t> {
         if !outcome.verdict.attack {
             return Ok(evaluated);
         }
-        let ctx = self.ctx.with_ego(&path.ego(self.ctx.horizon())?)?;
+        let ctx = path.context(self.ctx)?;
         let situation = Situation::new(&plan.candidate, ctx.ego(), &ctx);
         let believable_1 = outcome.verdict.solid && is_believable_1(&situation);
         evaluated.clauses.believable_1 = Some(believable_1);
@@ -172,14 +173,14 @@ impl<'t> Evaluator<'t> {
             return Ok(evaluated);
         }
         if self.requirement.holds(Clause::Avoidable) || self.requirement.holds(Clause::Preventable) {
-            let time = Avoidance::new(&ctx, self.search)?.time_to_react(&plan.candidate, step);
+            let time = Avoidance::new(&ctx, self.search)?.latest_start(&plan.candidate, step);
             evaluated.clauses.avoidable = Some(time.is_some());
-            evaluated.time_to_react = time;
+            evaluated.latest_start = time;
             evaluated.human_time =
                 time.map(|time| step as f64 * DT - time - onset(&plan.candidate, &ctx, step));
             if time.is_some() {
                 let r157 = Avoidance::new(&ctx, AvoidanceOptions::r157())?;
-                evaluated.avoidable_r157 = Some(r157.time_to_react(&plan.candidate, step).is_some());
+                evaluated.latest_start_r157 = r157.latest_start(&plan.candidate, step);
             }
         }
         if self.requirement.holds(Clause::Preventable) {
@@ -198,17 +199,19 @@ impl<'t> Evaluator<'t> {
         Ok(self.watching.get_or_init(|| watching))
     }
 
-    /// The search for an evasive manoeuvre in an attacked drive, with its witness.
+    /// What describes a failure: the search for an evasive manoeuvre, with its witness, and the circumstances.
     ///
-    /// *Errors*: as [`Evaluator::evaluator`].
-    pub(super) fn avoidable(
+    /// *Errors*: as [`Evaluator::evaluate`].
+    pub(super) fn describe(
         &self,
         plan: &PoolPlan,
-        step: usize,
+        met: Option<&Met>,
         path: &AttackedPath,
-    ) -> Result<Avoidable, Error> {
-        let ctx = self.ctx.with_ego(&path.ego(self.ctx.horizon())?)?;
-        Ok(Avoidance::new(&ctx, self.search)?.of_contact(&plan.candidate, Some(step)))
+    ) -> Result<(Avoidable, Option<Circumstances>), Error> {
+        let ctx = path.context(self.ctx)?;
+        let step = met.and_then(|met| usize::try_from(met.step).ok());
+        let avoidable = Avoidance::new(&ctx, self.search)?.of_contact(&plan.candidate, step);
+        Ok((avoidable, met.and_then(|met| Circumstances::of(&ctx, &plan.candidate, met))))
     }
 }
 
@@ -271,12 +274,11 @@ pub struct AttackedPath {
 }
 
 impl AttackedPath {
-    /// The path of a drive.
-    pub fn of(outcome: &AttackOutcome, test: &AttackTest) -> Self {
-        let episode = &outcome.episode;
-        let frames = test.unattacked().motions.len();
+    /// The path of a drive; `unattacked` is the driver's drive without the attack.
+    pub fn of(episode: &Episode, unattacked: &Drive) -> Self {
+        let frames = unattacked.motions.len();
         let contact = episode.contacts.first().map(|contact| &contact.contact);
-        let motions = if episode.is_posed { &test.unattacked().motions } else { &episode.drive.motions };
+        let motions = if episode.is_posed { &unattacked.motions } else { &episode.drive.motions };
         let end = contact.filter(|_| !episode.is_posed).map_or(motions.len(), |contact| contact.step);
         let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
         let history = motions.iter().take(NOW + 1).map(pose).collect();
@@ -296,10 +298,15 @@ impl AttackedPath {
         Self { history, positions, headings }
     }
 
-    /// The path as one of a context, up to its horizon.
+    /// A context with this path in place of the ego's.
     ///
     /// *Errors*: an empty path, or one with too long a step.
-    pub(super) fn ego(&self, horizon: usize) -> Result<EgoPaths, sage_core::Error> {
+    pub fn context(&self, ctx: &Context) -> Result<Context, sage_core::Error> {
+        ctx.with_ego(&self.ego(ctx.horizon())?)
+    }
+
+    /// The path as one of a context, up to its horizon.
+    fn ego(&self, horizon: usize) -> Result<EgoPaths, sage_core::Error> {
         let count = self.positions.len().min(horizon);
         EgoPaths::one(
             "the attacked drive",

@@ -16,7 +16,7 @@ use super::{
 
 /// Difference of relative speeds that counts in full, m/s.
 const FULL_SPEED: f64 = 10.0;
-/// Difference of times to react that counts in full, s.
+/// Difference of latest starts that counts in full, s.
 const FULL_TIME: f64 = 2.0;
 /// Width of a band of the ego's speed, m/s, and the number of bands with an upper end.
 const BAND: f64 = 5.0;
@@ -39,14 +39,14 @@ pub struct Features {
     pub adversary: Manoeuvre,
     /// What the contact happens on.
     pub road: RoadKind,
-    /// Seconds from the last evasive manoeuvre to the contact; `None` if it was not asked for.
-    pub time_to_react: Option<f64>,
+    /// Latest start of an evasive manoeuvre, s before the contact; `None` if it was not asked for.
+    pub latest_start: Option<f64>,
 }
 
 impl Features {
     /// Features of an attacked drive. The first path of `ctx` is that of the drive. `None` if the ego has no box at the
     /// contact.
-    pub fn of(ctx: &Context, plan: &Candidate, met: &Met, time_to_react: Option<f64>) -> Option<Self> {
+    pub fn of(ctx: &Context, plan: &Candidate, met: &Met, latest_start: Option<f64>) -> Option<Self> {
         let step = usize::try_from(met.step).ok().filter(|step| (1..=plan.boxes().len()).contains(step))?;
         let boxes: Vec<OrientedBox> = ctx.ego().boxes().get(..step)?.iter().map_while(|area| *area).collect();
         let (ego, adversary) = (boxes.get(step - 1)?, &plan.boxes()[step - 1]);
@@ -64,15 +64,15 @@ impl Features {
             ego: Manoeuvre::of(&boxes, index),
             adversary: Manoeuvre::of(&plan.boxes()[..step], index),
             road: RoadKind::at(ego.center, index),
-            time_to_react,
+            latest_start,
         })
     }
 
     /// Gower's distance: the mean of the differences of seven features, each from 0 to 1. Kinds differ by 1; headings by
-    /// their share of 180°, relative speeds by their share of 10 m/s, times to react by their share of 2 s.
+    /// their share of 180°, relative speeds by their share of 10 m/s, latest starts by their share of 2 s.
     pub fn distance(&self, other: &Self) -> f64 {
         let differs = |is: bool| f64::from(u8::from(is));
-        let time = |features: &Self| features.time_to_react.unwrap_or(0.0);
+        let time = |features: &Self| features.latest_start.unwrap_or(0.0);
         let parts = [
             differs(self.collision != other.collision),
             differs(self.ego != other.ego),
@@ -168,7 +168,7 @@ mod tests {
             ego: Manoeuvre::DrivesOn,
             adversary: Manoeuvre::MovesLeft,
             road: RoadKind::Road,
-            time_to_react: Some(1.0),
+            latest_start: Some(1.0),
         }
     }
 
@@ -176,7 +176,7 @@ mod tests {
     fn the_distance_is_a_mean_of_shares() {
         let a = features(CollisionType::CutIn, 8.0);
         assert_eq!(a.distance(&a), 0.0);
-        let b = Features { relative_heading: PI, relative_speed: 9.0, time_to_react: None, ..a };
+        let b = Features { relative_heading: PI, relative_speed: 9.0, latest_start: None, ..a };
         assert!((a.distance(&b) - (1.0 + 0.5 + 0.5) / 7.0).abs() < 1e-12);
         assert_eq!(a.distance(&b), b.distance(&a));
         let far = Features {
@@ -186,7 +186,7 @@ mod tests {
             road: RoadKind::Junction,
             relative_heading: PI,
             relative_speed: 99.0,
-            time_to_react: Some(9.0),
+            latest_start: Some(9.0),
             ..a
         };
         assert!((a.distance(&far) - 1.0).abs() < 1e-12);

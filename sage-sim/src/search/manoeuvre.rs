@@ -99,7 +99,7 @@ impl Manoeuvre {
 }
 
 /// Direction of the lane that a car follows: the nearest one along its heading.
-fn lane_direction(area: &OrientedBox, index: &SceneIndex) -> Option<Point> {
+pub(super) fn lane_direction(area: &OrientedBox, index: &SceneIndex) -> Option<Point> {
     let lanes = index.motor_lanes();
     let direction = |k: usize| {
         let d = sub(lanes.segments()[k].b, lanes.segments()[k].a);

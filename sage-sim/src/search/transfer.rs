@@ -40,7 +40,7 @@ pub fn transfer_metrics() -> Result<Metrics<MeasuredTransfer>, Error> {
         Metric::share("unavoidable", |t: &T| Some(!t.attack()?.clauses.holds(Clause::Avoidable)))
             .about("no evasive manoeuvre was found, of the attacks")
             .less_is_better(),
-        Metric::share("unavoidable, R157", |t: &T| Some(t.attack()?.avoidable_r157 != Some(true)))
+        Metric::share("unavoidable, R157", |t: &T| Some(t.attack()?.latest_start_r157.is_none()))
             .about("none within the limits of UN R157's driver, of the attacks")
             .less_is_better(),
         Metric::mean("impact", |t: &T| Some(t.attack()?.contact.as_ref()?.impact_speed))

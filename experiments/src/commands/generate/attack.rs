@@ -18,14 +18,14 @@ use super::{
     measured::{MeasuredAttack, measured},
     names::{page_file, picture_file, row_file},
     plan::Plan,
-    row::{CandidateRow, ChosenScores, LeftOutRow, VariantRow},
+    row::{CandidateRow, ChosenScores, LeftOutRow, VariantRow, prevented},
     scored::ScoredCandidates,
     view::SceneView,
 };
 use crate::{
     attacked_files::{self, AttackedFiles, Facts},
+    latest_start,
     output::{self, DatasetRun},
-    react,
     scene_queue::{Failure, Line, SceneReport},
 };
 
@@ -133,16 +133,16 @@ impl SceneWriter<'_> {
             None => generator.built.attacks(&ctx, seed)?,
         };
         let objective = &generator.selection.objective;
-        if let Some(target) = plan.args.react {
+        if let Some(target) = plan.args.latest_start {
             for (point, attack) in generator.points.iter().zip(&mut attacks) {
-                let avoided = react::avoided(attack, &ctx, objective, point.mu, &avoidance);
-                react::choose(attack, &avoided, target);
+                let avoided = latest_start::avoided(attack, &ctx, objective, point.mu, &avoidance);
+                latest_start::choose(attack, &avoided, target);
             }
         }
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let scorer = Scorer::with(&ctx, &generator.further);
         let mut scored = ScoredCandidates::new(&ctx, scorer, objective, &avoidance);
-        let measured = measured(&attacks, &mut scored, &ctx, plan.args.attack.seed)?;
+        let measured = measured(&attacks, &mut scored, &ctx, (&plan.ego, test.as_ref()), seed)?;
         let scenarios = files.scenarios(&scene);
         let mut lines = Vec::with_capacity(measured.len());
         let (mut written_files, command) = (Vec::new(), output::command());
@@ -236,7 +236,7 @@ impl SceneWriter<'_> {
         described: Map<String, Value>,
         scene_files: &[(String, Vec<u8>)],
     ) -> VariantRow<'r> {
-        let MeasuredAttack { attack, avoidable, r157_avoids, outcome, counts, .. } = measured;
+        let MeasuredAttack { attack, avoidable, references, outcome, counts, .. } = measured;
         let selected = ctx.candidate(attack.trajectory().clone());
         let violations = self.plan.generator.selection.objective.rule().violations(&selected, ctx);
         VariantRow {
@@ -256,7 +256,7 @@ impl SceneWriter<'_> {
             counts,
             note: attack.note.as_ref().map(Note::to_string),
             queries: NonZeroUsize::new(attack.queries),
-            scores: ChosenScores { scores, avoidable, r157_avoids: *r157_avoids },
+            scores: ChosenScores { scores, avoidable, references, r157_avoids: prevented(references) },
             candidates,
         }
     }

@@ -8,7 +8,7 @@ use sage_core::{
     motion::Trajectory,
     objective::{Reason, Scores},
 };
-use sage_sim::avoidable::Avoidable;
+use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Deserialize;
 
 use super::row::VariantRow;
@@ -49,7 +49,8 @@ pub(super) struct FoundScores {
     pub(super) impact_speed: Option<f64>,
     #[serde(flatten)]
     pub(super) avoidable: Avoidable,
-    pub(super) r157_avoids: Option<bool>,
+    #[serde(default)]
+    pub(super) references: Vec<Answer>,
 }
 
 impl FoundRow {

@@ -15,6 +15,7 @@ use super::{
     found_row::FoundRow,
     names::{INDEX, page_file, row_file},
     plan::Plan,
+    row::prevented,
 };
 use crate::{
     html_page::link,
@@ -62,9 +63,9 @@ struct Entry {
     impact: Option<f64>,
     reward: f64,
     realism: f64,
-    time_to_react: Option<f64>,
+    latest_start: Option<f64>,
     avoidable: Option<bool>,
-    avoidable_r157: Option<bool>,
+    prevented_by_r157: Option<bool>,
     ego: Car,
     adversary: Car,
 }
@@ -160,9 +161,9 @@ impl Entry {
             impact: scores.impact_speed,
             reward: scores.adversarial_reward,
             realism: scores.kinematic_penalty + scores.behavior_penalty,
-            time_to_react: scores.avoidable.time_to_react,
+            latest_start: scores.avoidable.latest_start,
             avoidable: scores.avoidable.avoidable,
-            avoidable_r157: scores.r157_avoids,
+            prevented_by_r157: prevented(&scores.references),
             ego: Car::new(&ego_box, &paths[0]),
             adversary: Car::new(&adversary_box, &paths[1]),
         };

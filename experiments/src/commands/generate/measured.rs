@@ -1,22 +1,19 @@
 //! What is measured of a scene's attacks.
 
-use std::sync::Arc;
-
 use anyhow::Result;
-use sage_core::{
-    generator::Attack,
-    objective::Context,
-    registry::Entry as _,
-    scene::{Scene, SceneIndex},
-};
+use sage_core::{generator::Attack, objective::Context};
 use sage_sim::{
-    SimScene, attack_test,
+    SimScene,
+    attack_test::AttackTest,
     avoidable::Avoidable,
-    policy::{EgoPolicy, R157, R157Options},
+    reference::{Answer, Watching},
 };
 
 use super::scored::ScoredCandidates;
-use crate::selection_outcome::{CandidateCounts, SelectionOutcome};
+use crate::{
+    ego::Ego,
+    selection_outcome::{CandidateCounts, SelectionOutcome},
+};
 
 /// An attack with what came of it.
 pub(super) struct MeasuredAttack<'a> {
@@ -24,7 +21,8 @@ pub(super) struct MeasuredAttack<'a> {
     /// Step of the contact.
     pub(super) contact: Option<usize>,
     pub(super) avoidable: Avoidable,
-    pub(super) r157_avoids: Option<bool>,
+    /// Whether `r157` prevents the contact.
+    pub(super) references: Vec<Answer>,
     pub(super) outcome: SelectionOutcome,
     pub(super) counts: CandidateCounts,
 }
@@ -36,6 +34,7 @@ pub(super) fn measured<'a>(
     attacks: &'a [Attack],
     scored: &mut ScoredCandidates,
     ctx: &Context,
+    (ego, test): (&'a Ego, Option<&AttackTest<'a>>),
     seed: u64,
 ) -> Result<Vec<MeasuredAttack<'a>>> {
     let mut r157 = None;
@@ -43,31 +42,37 @@ pub(super) fn measured<'a>(
         attack.check(ctx.scene())?;
         scored.score(attack)?;
         let contact = scored.get(attack.trajectory())?.scores.collision_step;
-        let r157_avoids = contact.and_then(|_| {
-            let driver = r157.get_or_insert_with(|| R157Driver::new(ctx.scene(), ctx.index()));
-            driver.avoids(attack, seed)
-        });
+        let references = match contact {
+            None => Vec::new(),
+            Some(_) => r157.get_or_insert_with(|| R157::new(ego, test, ctx, seed)).answers(attack),
+        };
         let (outcome, counts) = scored.outcome(attack)?;
         let avoidable = scored.avoidable(attack.trajectory())?;
-        Ok(MeasuredAttack { attack, contact, avoidable, r157_avoids, outcome, counts })
+        Ok(MeasuredAttack { attack, contact, avoidable, references, outcome, counts })
     };
     attacks.iter().map(measure).collect()
 }
 
-/// The UN R157 driver in a scene; without what cannot be simulated.
-struct R157Driver {
-    scene: Option<Arc<SimScene>>,
-    driver: Option<Box<dyn EgoPolicy>>,
-}
+/// The reference driver `r157`, asked whether it prevents an attack.
+struct R157<'p>(Option<Watching<'p>>);
 
-impl R157Driver {
-    fn new(scene: &Arc<Scene>, index: &Arc<SceneIndex>) -> Self {
-        let scene = SimScene::new(scene.clone(), index.clone()).ok();
-        Self { scene, driver: R157::build(R157Options::default()).ok() }
+impl<'p> R157<'p> {
+    /// Watches the drive that is attacked up to *now*; without an answer in a scene that cannot be simulated.
+    fn new(ego: &'p Ego, test: Option<&AttackTest<'p>>, ctx: &Context, seed: u64) -> Self {
+        let watch = || -> Result<Watching<'p>, sage_sim::Error> {
+            match test {
+                Some(test) => test.watching(),
+                None => {
+                    let simulated = SimScene::new(ctx.scene().clone(), ctx.index().clone())?;
+                    ego.test(&simulated, seed)?.watching()
+                }
+            }
+        };
+        Self(watch().ok())
     }
 
-    /// Whether it avoids an attack; `None` if it meets another road user first, or cannot drive.
-    fn avoids(&self, attack: &Attack, seed: u64) -> Option<bool> {
-        attack_test::avoids(self.driver.as_deref()?, self.scene.as_ref()?, attack.trajectory(), seed).ok()?
+    fn answers(&self, attack: &Attack) -> Vec<Answer> {
+        let prevention = self.0.as_ref().and_then(|watching| watching.prevention(attack.trajectory()).ok());
+        prevention.map_or(Vec::new(), |prevention| prevention.answers)
     }
 }

@@ -31,7 +31,8 @@ impl<'a> Plan<'a> {
         if !is_scenario && (args.standard.is_some() || args.scenario_ego.is_some()) {
             bail!("--standard and --scenario-ego need --format openscenario");
         }
-        let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
+        let ego = Ego::new(&args.planner.applied(&args.ego), registries)?
+            .with_references(&["r157".to_owned()], registries)?;
         progress::say_notes(std::slice::from_ref(&ego));
         let generator = RunGenerator::new(&args.method, &args.attack, registries)?;
         Ok(Self { args, generator, ego })
@@ -90,8 +91,9 @@ impl<'a> Plan<'a> {
         if !self.ego.policy.is_recording() {
             identity["ego"] = ego::identity(&self.args.ego)?;
         }
-        if self.args.react.is_some() || self.args.avoidable.options().is_some() {
-            identity["react"] = json!({"target": self.args.react, "search": self.args.avoidable.options()});
+        if self.args.latest_start.is_some() || self.args.avoidable.options().is_some() {
+            identity["latest_start"] =
+                json!({"target": self.args.latest_start, "search": self.args.avoidable.options()});
         }
         Ok(identity)
     }
@@ -102,8 +104,8 @@ impl<'a> Plan<'a> {
         if !self.ego.policy.is_recording() {
             described.insert("ego".to_owned(), json!(self.ego.label));
         }
-        if let Some(target) = self.args.react {
-            described.insert("react".to_owned(), json!(target));
+        if let Some(target) = self.args.latest_start {
+            described.insert("wanted_latest_start".to_owned(), json!(target));
         }
         described
     }

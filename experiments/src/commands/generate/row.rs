@@ -6,7 +6,7 @@ use sage_core::{
     motion::Trajectory,
     objective::{Scores, Violation},
 };
-use sage_sim::avoidable::Avoidable;
+use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Serialize;
 use serde_json::{Map, Value, value::RawValue};
 
@@ -71,6 +71,11 @@ impl LeftOutRow<'_> {
     }
 }
 
+/// Whether the only reference prevents a contact; `None` without one, or if it cannot drive.
+pub(super) fn prevented(answers: &[Answer]) -> Option<bool> {
+    answers.last()?.prevents
+}
+
 /// Scores of the chosen candidate, and whether a driver could have avoided it.
 #[derive(Serialize)]
 pub(super) struct ChosenScores<'r> {
@@ -78,8 +83,10 @@ pub(super) struct ChosenScores<'r> {
     pub(super) scores: &'r Scores,
     #[serde(flatten)]
     pub(super) avoidable: &'r Avoidable,
-    /// Whether the driver `r157`, in the ego's place from frame 0 on, has no contact with the adversary; `None` if the
-    /// attack has none, or if this driver meets another road user first.
+    /// Whether the reference driver `r157` prevents the contact; empty without one.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    pub(super) references: &'r [Answer],
+    /// The same; the earlier name of this field, for one version.
     pub(super) r157_avoids: Option<bool>,
 }
 

@@ -2,7 +2,7 @@
 
 use sage_bench::table::Table;
 
-use super::{found_row::FoundRow, plan::Plan};
+use super::{found_row::FoundRow, plan::Plan, row::prevented};
 use crate::{operating_point::OperatingPointSpec, selection_outcome::SelectionOutcome};
 
 /// Outcomes with the reason that the table gives for them, the first where two are as frequent.
@@ -23,7 +23,7 @@ pub(super) struct Tally {
     without: [usize; REASONS.len()],
     /// Attacks whose answer is yes, and those with an answer.
     avoidable: [usize; 2],
-    avoided_by_r157: [usize; 2],
+    prevented_by_r157: [usize; 2],
 }
 
 impl Tally {
@@ -35,7 +35,7 @@ impl Tally {
         }
         if row.outcome.is_attack() {
             count(&mut self.avoidable, row.scores.avoidable.avoidable);
-            count(&mut self.avoided_by_r157, row.scores.r157_avoids);
+            count(&mut self.prevented_by_r157, prevented(&row.scores.references));
         }
     }
 
@@ -47,7 +47,7 @@ impl Tally {
             believable: self.believable + other.believable,
             without: std::array::from_fn(|k| self.without[k] + other.without[k]),
             avoidable: sum(self.avoidable, other.avoidable),
-            avoided_by_r157: sum(self.avoided_by_r157, other.avoided_by_r157),
+            prevented_by_r157: sum(self.prevented_by_r157, other.prevented_by_r157),
         }
     }
 
@@ -94,7 +94,7 @@ pub(super) fn table(plan: &Plan, tallies: &[Tally]) -> Table {
                 tally.share(tally.attacked()),
                 tally.share(tally.believable),
                 of(tally.avoidable),
-                of(tally.avoided_by_r157),
+                of(tally.prevented_by_r157),
                 tally.most_frequent_reason(),
             ],
         );

@@ -161,7 +161,7 @@ fn ending(one: &MeasuredAttack, unbelievable: &[Reason]) -> String {
     if let Some(first) = sentence.get(..1).map(str::to_uppercase) {
         sentence.replace_range(..1, &first);
     }
-    match (one.avoidable.avoidable, one.avoidable.time_to_react) {
+    match (one.avoidable.avoidable, one.avoidable.latest_start) {
         (Some(true), Some(time)) => {
             format!("{sentence}. An evasive manoeuvre can begin up to {time:.1} s before the contact.")
         }

@@ -34,7 +34,7 @@ pub(super) fn page(
         let step = failure.contact.as_ref().map_or(0, |met| usize::try_from(met.step).unwrap_or_default());
         let driven = failure.ego_history.iter().chain(failure.ego_path.iter().take(step));
         let avoidable = Avoidable {
-            time_to_react: failure.time_to_react,
+            latest_start: failure.latest_start,
             witness: failure.witness.clone(),
             ..Avoidable::default()
         };

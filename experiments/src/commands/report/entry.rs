@@ -2,7 +2,10 @@
 
 use anyhow::{Context as _, Result};
 use sage_core::geometry::{Aabb, Point};
-use sage_sim::{fault::FaultClass, search::Features};
+use sage_sim::{
+    fault::FaultClass,
+    search::{Features, circumstances::Party},
+};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -35,6 +38,10 @@ pub(super) struct Entry {
     human_time: Option<f64>,
     /// The reference driver that prevents the contact.
     prevented_by: Option<String>,
+    adversary_from: &'static str,
+    /// What the adversary does against lights and lines.
+    violation: &'static str,
+    right_of_way: &'static str,
     contact_after: f64,
     impact: f64,
     reward: f64,
@@ -56,6 +63,7 @@ impl Entry {
         let driven = scene.driven(failure).with_context(|| name.clone())?;
         let features = driven.features(failure).with_context(|| name.clone())?;
         let Features { collision, ego, adversary, road, .. } = features;
+        let circumstances = driven.circumstances(failure).with_context(|| name.clone())?;
         let met = failure.contact.as_ref().with_context(|| format!("{name} has no `contact`"))?;
         let step = usize::try_from(met.step).unwrap_or_default();
         let [own, other] = driven.boxes_at(step).with_context(|| name.clone())?;
@@ -81,9 +89,12 @@ impl Entry {
             at_fault: met.class.is_at_fault(),
             plan,
             lambda,
-            latest_start: failure.time_to_react,
+            latest_start: failure.latest_start,
             human_time: failure.human_time,
             prevented_by: failure.prevented_by(),
+            adversary_from: circumstances.adversary_from.words(),
+            violation: circumstances.violation(),
+            right_of_way: circumstances.right_of_way.map_or("unknown", Party::words),
             contact_after: met.step as f64 / 10.0,
             impact: met.impact_speed,
             reward: failure.reward,
@@ -107,11 +118,18 @@ impl Entry {
         };
         let prevented =
             self.prevented_by.as_ref().map_or(String::new(), |name| format!("; {name} prevents it"));
+        let from = format!(" comes from {}", self.adversary_from);
+        let violation =
+            if self.violation == "neither" { String::new() } else { format!(", {}", self.violation) };
+        let right_of_way = match self.right_of_way {
+            "unknown" => String::new(),
+            party => format!("; right of way: {party}"),
+        };
         let evasion = self.latest_start.map_or(String::new(), |time| {
             format!("; an evasive manoeuvre, knowing the plan, could begin as late as {time:.1} s before the contact")
         });
         format!(
-            "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{prevented}{evasion}",
+            "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{from}{violation}{right_of_way}{prevented}{evasion}",
             self.cluster, self.contact_after, self.impact, self.adversary_does
         )
     }

@@ -7,10 +7,10 @@ function fields() {
     label: "Failures",
     across: 35, // metres across a thumbnail, at least
     moment: "Top view, north up, at the contact",
-    note: "A driver is at fault by nuPlan's rule: its moving front met the other (active front), the other stood (stopped track), or its side met the other while it was not wholly in one lane (lateral off lane). That is geometry, no legal blame and no right of way: a front that hits a car which cuts in counts too. Prevented: a reference driver, which does not know the plan, took the car over at now and had no contact with the adversary and none at its own fault. Latest start: seconds before the contact at which an evasive manoeuvre, found knowing the plan, could still begin; the smaller, the plainer. Human time: seconds from when the plan begins to show to the latest start; people need 0.75 s. The list begins with what a reference driver prevents, then the smallest latest start. All verdicts assume perfect perception without latency; others replay their recordings; 8 s, one adversary.",
+    note: "The list begins with what a reference driver prevents, then the smallest latest start. Verdicts assume perfect perception without latency; others replay their recordings; 8 s, one adversary.",
     facets: [
       ["driver", "Driver"], ["cluster", "Cluster"], ["collision", "Collision"], ["ego_does", "Ego does"], ["adversary_does", "Adversary does"], ["road", "Road"],
-      ["at_fault", "Fault", answer("at fault", "not at fault")], ["fault", "Fault class", inWords], ["prevented_by", "Prevented by"], ["plan", "Plan"],
+      ["at_fault", "Fault", answer("at fault", "not at fault")], ["fault", "Fault class", inWords], ["right_of_way", "Right of way"], ["adversary_from", "Adversary from"], ["violation", "Adversary: lights, lines"], ["prevented_by", "Prevented by"], ["plan", "Plan"],
     ],
     groups: { key: "cluster", title: "Clusters" },
     ranges: [["lambda", "λ", 2, "and failures without λ"], ["latest_start", "Latest start, s", 1, "and not measured"], ["human_time", "Human time, s", 1, "and not measured"]],

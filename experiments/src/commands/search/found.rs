@@ -15,10 +15,11 @@ use sage_core::{
 };
 use sage_data::Recording;
 use sage_sim::{
+    avoidable::earlier_names,
     episode::LAST_FRAME,
     fault::FaultRule,
     reference::Answer,
-    search::{Clauses, Features, Met, SearchOptions, suite::MOST_TESTS},
+    search::{Circumstances, Clauses, Features, Met, SearchOptions, suite::MOST_TESTS},
 };
 use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
@@ -76,8 +77,8 @@ pub(in crate::commands) struct FailureFile {
     pub(in crate::commands) ego_history: Vec<[f64; 3]>,
     /// The same at steps 1 to 80.
     pub(in crate::commands) ego_path: Vec<[f64; 3]>,
-    #[serde(default)]
-    pub(in crate::commands) time_to_react: Option<f64>,
+    #[serde(flatten, with = "earlier_names::latest_start")]
+    pub(in crate::commands) latest_start: Option<f64>,
     #[serde(default)]
     pub(in crate::commands) witness: Option<Vec<[f64; 3]>>,
     #[serde(flatten)]
@@ -191,7 +192,15 @@ impl DrivenFailure {
     /// *Errors*: its contact is not within its path.
     pub(in crate::commands) fn features(&self, failure: &FailureFile) -> Result<Features> {
         let met = failure.contact.as_ref().context("it has no `contact`")?;
-        Features::of(&self.ctx, &self.plan, met, failure.time_to_react).context(NOT_WITHIN)
+        Features::of(&self.ctx, &self.plan, met, failure.latest_start).context(NOT_WITHIN)
+    }
+
+    /// Circumstances of a failure.
+    ///
+    /// *Errors*: its contact is not within its path.
+    pub(in crate::commands) fn circumstances(&self, failure: &FailureFile) -> Result<Circumstances> {
+        let met = failure.contact.as_ref().context("it has no `contact`")?;
+        Circumstances::of(&self.ctx, &self.plan, met).context(NOT_WITHIN)
     }
 
     /// Boxes of the ego and of the adversary at a step, 1 or later.

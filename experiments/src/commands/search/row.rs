@@ -4,9 +4,12 @@ use std::{collections::BTreeMap, path::Path};
 
 use sage_core::{files, motion::Trajectory, objective::kinematic_penalty};
 use sage_sim::{
-    avoidable::Avoidable,
+    avoidable::{Avoidable, earlier_names},
     reference::Answer,
-    search::{Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement, SearchResult},
+    search::{
+        Circumstances, Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement,
+        SearchResult,
+    },
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -119,7 +122,8 @@ pub(crate) struct FoundFailure {
     contact: Option<Met>,
     clauses: Clauses,
     reward: f64,
-    time_to_react: Option<f64>,
+    #[serde(flatten, with = "earlier_names::latest_start")]
+    latest_start: Option<f64>,
 }
 
 /// Goals that are drawn at random, whatever λ is.
@@ -188,6 +192,8 @@ pub(crate) struct FailureRow<'r> {
     pub(crate) plan: PlanRow,
     #[serde(flatten)]
     pub(crate) evaluated: EvaluatedRow<'r>,
+    /// Where the adversary comes from, red lights, solid lines and the right of way.
+    pub(crate) circumstances: Option<Circumstances>,
     /// Box centre and heading of the ego at frames 0 to *now*.
     pub(crate) ego_history: &'r [[f64; 3]],
     /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
@@ -219,6 +225,7 @@ impl<'r> FailureRow<'r> {
             drive: failure.drive + 1,
             plan: PlanRow::new(pool, evaluated.plan, source),
             evaluated: EvaluatedRow::of(evaluated),
+            circumstances: failure.circumstances,
             ego_history: &failure.path.history,
             ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
             avoidable: &failure.avoidable,
@@ -232,6 +239,9 @@ pub(crate) struct EvaluatedRow<'r> {
     contact: Option<&'r Met>,
     clauses: Clauses,
     reward: f64,
+    /// Latest start within the limits of UN R157's driver, s before the contact.
+    latest_start_r157: Option<f64>,
+    /// Whether there is one; the earlier name of this field, for one version.
     avoidable_r157: Option<bool>,
     /// Seconds from the onset of the plan to the latest start.
     human_time: Option<f64>,
@@ -242,12 +252,13 @@ pub(crate) struct EvaluatedRow<'r> {
 
 impl<'r> EvaluatedRow<'r> {
     pub(crate) fn of(evaluated: &'r Evaluated) -> Self {
-        let Evaluated { contact, clauses, reward, avoidable_r157, human_time, references, .. } = evaluated;
+        let Evaluated { contact, clauses, reward, human_time, references, .. } = evaluated;
         Self {
             contact: contact.as_ref(),
             clauses: *clauses,
             reward: *reward,
-            avoidable_r157: *avoidable_r157,
+            latest_start_r157: evaluated.latest_start_r157,
+            avoidable_r157: evaluated.latest_start.map(|_| evaluated.latest_start_r157.is_some()),
             human_time: *human_time,
             references,
         }
@@ -269,7 +280,8 @@ pub(crate) struct DrivenRow<'r> {
     pub(crate) plan: PlanRow,
     #[serde(flatten)]
     pub(crate) evaluated: EvaluatedRow<'r>,
-    pub(crate) time_to_react: Option<f64>,
+    #[serde(flatten, with = "earlier_names::latest_start")]
+    pub(crate) latest_start: Option<f64>,
     pub(crate) error: Option<&'r str>,
     pub(crate) trajectory: &'r Trajectory,
 }
@@ -296,7 +308,7 @@ impl SceneRow {
                 contact: evaluated.contact.clone(),
                 clauses: evaluated.clauses,
                 reward: evaluated.reward,
-                time_to_react: evaluated.time_to_react,
+                latest_start: evaluated.latest_start,
             }
         };
         let mut sources = BTreeMap::new();

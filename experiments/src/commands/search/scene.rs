@@ -242,7 +242,7 @@ impl OneScene<'_> {
             DrivenRow {
                 plan: PlanRow::new(pool, evaluated.plan, self.searcher.plans().source(plan.source)),
                 evaluated: EvaluatedRow::of(evaluated),
-                time_to_react: evaluated.time_to_react,
+                latest_start: evaluated.latest_start,
                 error: evaluated.error.as_deref(),
                 trajectory: &plan.proposal.trajectory,
             }

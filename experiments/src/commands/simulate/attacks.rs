@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 
 use anyhow::{Context as _, Result};
 use sage_core::{
-    motion::Trajectory,
+    motion::{NOW, Trajectory},
     objective::{Context, Reason, Scorer},
 };
 use sage_data::Recording;
@@ -12,7 +12,8 @@ use sage_sim::{
     attack_test::{AttackPath, AttackTest},
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::Drive,
-    episode::{LAST_FRAME, Verdict},
+    episode::{Episode, LAST_FRAME, Verdict},
+    search::AttackedPath,
 };
 use serde_json::{Map, Value};
 
@@ -40,17 +41,15 @@ pub(super) struct PlannedDrive {
     pub(super) attack: Option<PlannedAttack>,
 }
 
-/// An attack with its scores against the drive that it was planned against.
+/// An attack that was planned against the drive without it.
 pub(crate) struct PlannedAttack {
     /// The adversary's path: the plan, or what it drove against this driver.
     pub(super) path: AttackPath,
     pub(super) feasible: bool,
-    believable: Option<bool>,
-    unbelievable: Vec<Reason>,
     /// Step of the contact with that drive.
-    pub(crate) contact: Option<usize>,
-    /// Whether that drive has an evasive manoeuvre.
-    avoidable: Avoidable,
+    contact: Option<usize>,
+    /// The scene with that drive.
+    ctx: Context,
     /// Drives of the driver that the generator asked for.
     queries: usize,
 }
@@ -106,14 +105,12 @@ impl<'a> SceneAttacks<'a> {
             }
             Self::Given(trajectory, described) => {
                 let ctx = context()?;
-                let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
-                let attack = Some(PlannedAttack::of(&ctx, &avoidance, AttackPath::of(trajectory.clone())));
+                let attack = Some(PlannedAttack::of(&ctx, AttackPath::of(trajectory.clone())));
                 let described = complete(described.clone());
                 Ok(vec![PlannedDrive { described, label: String::new(), swept: None, attack }])
             }
             Self::Generated(generator) => {
                 let (ctx, built) = (context()?, &generator.built);
-                let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
                 let test = test.context("an attacked driver is tested")?;
                 let attacks = built.attacks_on_driver(&ctx, test, generator.args.seed)?;
                 let planned = attacks.into_iter().zip(&generator.points).map(|(attack, point)| {
@@ -121,7 +118,7 @@ impl<'a> SceneAttacks<'a> {
                     let uses_point = built.facts.uses_operating_point();
                     let label = if uses_point { point.long_label() } else { generator.method.to_string() };
                     let path = test.path_of(&attack)?;
-                    let planned = PlannedAttack::of(&ctx, &avoidance, path);
+                    let planned = PlannedAttack::of(&ctx, path);
                     let attack = planned.after(attack.queries);
                     let swept = point.swept().filter(|_| uses_point);
                     let described = generator.describe(point);
@@ -134,15 +131,11 @@ impl<'a> SceneAttacks<'a> {
 }
 
 impl PlannedAttack {
-    /// A plan with its scores against the drive before, and the last evasive manoeuvre of that drive.
-    pub(crate) fn of(ctx: &Context, avoidance: &Avoidance, path: AttackPath) -> Self {
-        let candidate = ctx.candidate(path.trajectory.clone());
-        let scores = Scorer::new(ctx).scores(&candidate);
-        let (feasible, believable) = (scores.feasible, scores.believable);
-        let avoidable = avoidance.of(&candidate);
-        let contact = scores.collision_step;
-        let unbelievable = scores.unbelievable;
-        Self { path, feasible, believable, unbelievable, contact, avoidable, queries: 0 }
+    /// A plan in the scene with the drive before.
+    pub(crate) fn of(ctx: &Context, path: AttackPath) -> Self {
+        let scores = Scorer::new(ctx).scores(&ctx.candidate(path.trajectory.clone()));
+        let (feasible, contact) = (scores.feasible, scores.collision_step);
+        Self { path, feasible, contact, ctx: ctx.clone(), queries: 0 }
     }
 
     /// The same, found after so many drives of the driver.
@@ -150,19 +143,33 @@ impl PlannedAttack {
         Self { queries, ..self }
     }
 
-    /// The row of the attack, with its verdict and the drive before.
-    pub(crate) fn row(self, verdict: Verdict, before: &Drive) -> AttackRow {
+    /// The row of the attack, with what the attacked drive says of it. `before` is the drive without the attack.
+    ///
+    /// *Errors*: those of the search for evasive manoeuvres.
+    pub(crate) fn row(self, verdict: Verdict, episode: &Episode, before: &Drive) -> Result<AttackRow> {
         let first = before.contacts.first().map(|contact| contact.step);
-        AttackRow {
-            trajectory: self.path.trajectory,
+        let mut row = AttackRow {
+            trajectory: self.path.trajectory.clone(),
             feasible: self.feasible,
-            believable: self.believable,
-            unbelievable: self.unbelievable,
+            planned_contact: self.contact,
+            believable: None,
+            unbelievable: Vec::new(),
             verdict,
             queries: NonZeroUsize::new(self.queries),
-            avoidable: self.avoidable,
+            avoidable: Avoidable::default(),
             unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
+        };
+        let Some(contact) = episode.contacts.first().filter(|_| verdict.attack) else { return Ok(row) };
+        let ctx = AttackedPath::of(episode, before).context(&self.ctx)?;
+        let candidate = ctx.candidate(self.path.trajectory);
+        row.unbelievable = Scorer::new(&ctx).scores(&candidate).unbelievable;
+        if !verdict.solid && row.unbelievable.is_empty() {
+            row.unbelievable.push(Reason::shallow(contact.overlap));
         }
+        row.believable = Some(row.unbelievable.is_empty());
+        let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
+        row.avoidable = avoidance.of_contact(&candidate, contact.contact.step.checked_sub(NOW));
+        Ok(row)
     }
 }
 

@@ -5,7 +5,7 @@ use std::{num::NonZeroUsize, path::Path};
 use sage_core::{
     files,
     motion::Trajectory,
-    objective::Reason,
+    objective::{Reason, verdict},
     scene::{Scene, SceneIndex, Track, recording_off_road},
 };
 use sage_sim::{
@@ -86,7 +86,10 @@ pub(crate) struct AttackRow {
     pub(crate) trajectory: Trajectory,
     /// Whether the plan is feasible by the paper's rule.
     pub(crate) feasible: bool,
-    /// Whether the attack on the drive before is believable; null if it does not meet that drive.
+    /// Step at which the plan would meet the drive without the attack, which it was planned against.
+    #[serde(default)]
+    pub(crate) planned_contact: Option<usize>,
+    /// Whether the attack is believable in the attacked drive; null if it does not work.
     pub(crate) believable: Option<bool>,
     /// Why not.
     pub(crate) unbelievable: Vec<Reason>,
@@ -97,7 +100,7 @@ pub(crate) struct AttackRow {
     pub(crate) queries: Option<NonZeroUsize>,
     /// Step of the first contact without the attack.
     pub(crate) unattacked_contact: Option<i64>,
-    /// Whether the drive before could evade the attack.
+    /// Whether the attacked drive has an evasive manoeuvre.
     #[serde(flatten)]
     pub(crate) avoidable: Avoidable,
 }
@@ -182,15 +185,13 @@ impl DriveRow {
         }
     }
 
-    /// The drive of this row on a page. `contact` is the step of the planned contact with the drive before, which is
-    /// `unattacked`.
+    /// The drive of this row on a page; `unattacked` is the drive without the attack.
     pub(crate) fn panel<'p>(
         &'p self,
         name: String,
         episode: &'p Episode,
         adversary: Option<&'p Track>,
         unattacked: Option<&'p [Motion]>,
-        contact: Option<usize>,
     ) -> Panel<'p> {
         let attack = self.attack.as_ref();
         Panel {
@@ -203,7 +204,10 @@ impl DriveRow {
             contact: episode.first_contacts().next().map(Meeting::from),
             adversary,
             unattacked,
-            evasion: contact.and_then(|contact| attack?.avoidable.evasion(contact)).map(|(_, rows)| rows),
+            evasion: self.contacts.first().and_then(|contact| {
+                let step = usize::try_from(contact.step).ok()?;
+                Some(attack?.avoidable.evasion(step)?.1)
+            }),
             verdict: self.verdict().map(|verdict| verdict.is_attack),
             is_failed: false,
             others: Vec::new(),
@@ -262,26 +266,28 @@ impl DriveRow {
     /// The plan of the attack in words; empty without an attack.
     pub(crate) fn note(&self) -> String {
         let Some(attack) = &self.attack else { return String::new() };
-        let planned = match (attack.believable, attack.feasible) {
-            (None, _) => "it would not touch the ego there".to_owned(),
-            (Some(_), false) => "it would hit the ego there, but is not feasible".to_owned(),
-            (Some(true), true) => "it would hit the ego there, and is believable".to_owned(),
-            (Some(false), true) => {
-                let reasons: Vec<String> = attack.unbelievable.iter().map(Reason::words).collect();
-                format!("it would hit the ego there, but is not believable ({})", reasons.join(", "))
-            }
+        let planned = match (attack.planned_contact, attack.feasible) {
+            (None, _) => "it would not touch the ego there",
+            (Some(_), false) => "it would hit the ego there, but is not feasible",
+            (Some(_), true) => "it would hit the ego there",
         };
-        let evasion = match (attack.avoidable.avoidable, attack.avoidable.time_to_react) {
+        let believable = verdict(attack.believable, &attack.unbelievable)
+            .map_or(String::new(), |words| format!(" In the attacked drive it is {words}."));
+        let evasion = match (attack.avoidable.avoidable, attack.avoidable.latest_start) {
             (Some(true), Some(time)) => {
-                format!(" There an evasive manoeuvre could begin up to {time:.1} s before the contact.")
+                format!(
+                    " An evasive manoeuvre, knowing the plan, could begin up to {time:.1} s before the contact."
+                )
             }
-            (Some(false), _) => " There no evasive manoeuvre was found.".to_owned(),
+            (Some(false), _) => " No evasive manoeuvre was found.".to_owned(),
             _ => String::new(),
         };
         let before = attack.unattacked_contact.map_or(String::new(), |step| {
             format!(" Without the attack this driver has a contact {}.", time(step))
         });
-        format!("Planned against this driver's drive without the attack: {planned}.{evasion}{before}")
+        format!(
+            "Planned against this driver's drive without the attack: {planned}.{believable}{evasion}{before}"
+        )
     }
 
     /// The printed line; `variant` names attack and operating point.

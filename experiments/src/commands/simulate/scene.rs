@@ -107,8 +107,6 @@ struct DrivenRow {
     label: String,
     swept: Option<(&'static str, f64)>,
     plan: Option<Plan>,
-    /// Step of the planned contact with the drive before.
-    contact: Option<usize>,
     result: DriveResult,
 }
 
@@ -166,15 +164,7 @@ impl SceneDrives<'_> {
                     // Without its unchanged drive there are no attacks on it.
                     let result = DriveResult::Failed(PlannerFailure::of(error)?);
                     let label = String::new();
-                    rows.push(DrivenRow {
-                        ego: number,
-                        variant: 0,
-                        label,
-                        swept: None,
-                        plan: None,
-                        contact: None,
-                        result,
-                    });
+                    rows.push(DrivenRow { ego: number, variant: 0, label, swept: None, plan: None, result });
                     None
                 }
             };
@@ -200,14 +190,16 @@ impl SceneDrives<'_> {
         let test = test.transpose().with_context(failed)?;
         for (variant, planned) in self.attacks.planned(test.as_ref())?.into_iter().enumerate() {
             let (label, swept, described) = (planned.label, planned.swept, planned.described);
-            let contact = planned.attack.as_ref().and_then(|attack| attack.contact);
             let plan =
                 planned.attack.as_ref().map(|a| Plan::of_adversary(scene, &a.path.trajectory)).transpose()?;
             let driven = match (planned.attack, &test) {
                 (Some(attack), Some(test)) => test
                     .attack_along(attack.path.clone(), attack.feasible)
                     .with_context(failed)
-                    .map(|outcome| (outcome.episode, Some(attack.row(outcome.verdict, test.unattacked())))),
+                    .and_then(|outcome| {
+                        let row = attack.row(outcome.verdict, &outcome.episode, test.unattacked())?;
+                        Ok((outcome.episode, Some(row)))
+                    }),
                 _ => Episode::run(simulated, None, &*ego.policy, seed)
                     .with_context(failed)
                     .map(|episode| (episode, None)),
@@ -219,7 +211,7 @@ impl SceneDrives<'_> {
                 }
                 Err(error) => DriveResult::Failed(PlannerFailure::of(error)?),
             };
-            rows.push(DrivenRow { ego: number, variant, label, swept, plan, contact, result });
+            rows.push(DrivenRow { ego: number, variant, label, swept, plan, result });
         }
         Ok(test.map(|test| test.unattacked().clone()))
     }
@@ -260,9 +252,7 @@ impl SceneDrives<'_> {
         let sweep = driven.swept.filter(|_| is_sweep);
         let sweep = sweep.map(|(axis, value)| Sweep { group: driven.ego, axis, value });
         Some(match &driven.result {
-            DriveResult::Driven(episode, row) => {
-                Panel { sweep, ..row.panel(name, episode, own, unattacked, driven.contact) }
-            }
+            DriveResult::Driven(episode, row) => Panel { sweep, ..row.panel(name, episode, own, unattacked) },
             DriveResult::Failed(failure) => {
                 let drive = failure.drive.as_deref()?;
                 Panel {

@@ -9,7 +9,7 @@ use sage_core::{
 };
 use sage_sim::{avoidable::Avoidable, metrics::MeasuredAttack};
 
-use crate::{Registries, measure::ego_samples, react::WITHIN, study::Study};
+use crate::{Registries, latest_start::WITHIN, measure::ego_samples, study::Study};
 
 /// What was measured of a plan.
 #[derive(Default)]
@@ -21,7 +21,7 @@ pub struct MeasuredPlan {
     pub(super) choice: Option<Choice>,
 }
 
-/// A choice by the time to react.
+/// A choice by the latest start of an evasive manoeuvre.
 pub struct Choice {
     /// Time that is aimed at, s.
     pub target: f64,
@@ -63,19 +63,19 @@ pub(super) fn attacked_metrics(registries: &Registries, listed: &[String]) -> Re
     Ok(Metrics::default().with_all(of_drive.chain(of_plan))?)
 }
 
-/// Metrics of a choice by the time to react.
+/// Metrics of a choice by the latest start.
 fn choice_metrics() -> [Metric<Choice>; 4] {
     let is_within = |c: &Choice| c.time.is_some_and(|time| (time - c.target).abs() <= WITHIN + 1e-9);
     [
         Metric::share("within", move |c: &Choice| Some(is_within(c)))
-            .about("the chosen time to react is within 0.25 s of the target")
+            .about("the chosen latest start is within 0.25 s of the target")
             .more_is_better(),
         Metric::median("time within", move |c: &Choice| c.time.filter(|_| is_within(c)))
             .unit("s")
-            .about("median of the times to react within 0.25 s of the target"),
+            .about("median of the latest starts within 0.25 s of the target"),
         Metric::median("time chosen", |c: &Choice| c.time)
             .unit("s")
-            .about("median of all chosen times to react"),
+            .about("median of all chosen latest starts"),
         Metric::share("choice", |c: &Choice| Some(c.time.is_some()))
             .about("a candidate is an avoidable attack")
             .more_is_better(),
@@ -93,7 +93,7 @@ pub(super) fn plan_metrics(
     let of_search =
         registries.metrics.avoidable.all().iter().map(|m| m.of_part(MeasuredPlan::avoidable_attack));
     let of_choice = choice_metrics();
-    let of_choice = of_choice.iter().filter(|_| !study.react.is_empty());
+    let of_choice = of_choice.iter().filter(|_| !study.latest_start.is_empty());
     let of_choice = of_choice.map(|m| m.of_part(|p: &MeasuredPlan| p.choice.as_ref()));
     let of_samples = ego_samples::metrics();
     Ok(Metrics::default()

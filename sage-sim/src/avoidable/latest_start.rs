@@ -1,4 +1,4 @@
-//! The time to react as a reward: how near it is to a target.
+//! The latest start of an evasive manoeuvre as a reward: how near it is to a target.
 
 use sage_core::{
     objective::{Reward, Situation},
@@ -13,33 +13,34 @@ const FARTHEST: f64 = -3.0;
 /// Largest target, seconds.
 const LONGEST: f64 = 8.0;
 
-/// `−|time − target|` of the time to react, at least −3; −3 without an avoidable contact. The ego's first path counts.
+/// `−|time − target|` of the latest start, seconds before the contact, at least −3; −3 without an avoidable contact. The ego's first path counts.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct TimeToReact(TimeToReactOptions);
+pub struct LatestStart(LatestStartOptions);
 
-/// Options of [`TimeToReact`].
+/// Options of [`LatestStart`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct TimeToReactOptions {
-    /// Time to react that is wanted, seconds.
+pub struct LatestStartOptions {
+    /// Latest start that is wanted, seconds before the contact.
     pub target: f64,
     /// The search.
     pub search: AvoidanceOptions,
 }
 
-impl Default for TimeToReactOptions {
+impl Default for LatestStartOptions {
     fn default() -> Self {
         Self { target: 1.5, search: AvoidanceOptions::default() }
     }
 }
 
-impl Entry<dyn Reward> for TimeToReact {
-    const NAME: &'static str = "time-to-react";
-    const SUMMARY: &'static str = "minus the distance of the time to react from a target, seconds; slow";
+impl Entry<dyn Reward> for LatestStart {
+    const NAME: &'static str = "latest-start";
+    const SUMMARY: &'static str =
+        "minus the distance of the latest start of an evasive manoeuvre from a target, seconds; slow";
     const SOURCE: &'static str = "this project";
-    type Options = TimeToReactOptions;
+    type Options = LatestStartOptions;
 
-    fn build(options: TimeToReactOptions) -> Result<Box<dyn Reward>, String> {
+    fn build(options: LatestStartOptions) -> Result<Box<dyn Reward>, String> {
         if !(0.0..=LONGEST).contains(&options.target) {
             return Err(format!("`target` is {}; expected 0 to {LONGEST} seconds", options.target));
         }
@@ -48,7 +49,7 @@ impl Entry<dyn Reward> for TimeToReact {
     }
 }
 
-impl Reward for TimeToReact {
+impl Reward for LatestStart {
     fn score(&self, situation: &Situation) -> Option<f64> {
         if situation.encounter.contact.is_none() {
             return Some(FARTHEST);
@@ -57,7 +58,7 @@ impl Reward for TimeToReact {
         let found = avoidance.of(situation.candidate);
         found.avoidable?;
         let gap = |time: f64| -(time - self.0.target).abs();
-        Some(found.time_to_react.map_or(FARTHEST, gap).max(FARTHEST))
+        Some(found.latest_start.map_or(FARTHEST, gap).max(FARTHEST))
     }
 
     fn slow_range(&self) -> Option<[f64; 2]> {

@@ -1,5 +1,5 @@
-//! The dial in seconds: of an attack's candidates, the most adversarial one that a driver must answer a given time
-//! before the contact.
+//! The dial in seconds: of an attack's candidates, the most adversarial one whose latest evasive manoeuvre begins a given
+//! time before the contact.
 
 use sage_core::{
     generator::{Attack, Note},
@@ -16,7 +16,7 @@ pub const LONGEST: f64 = 8.0;
 pub struct Avoided {
     /// Its index among the candidates.
     pub candidate: usize,
-    /// Its time to react, seconds.
+    /// Its latest start, seconds before the contact.
     pub time: f64,
     /// Its value in the selection.
     value: f64,
@@ -36,7 +36,7 @@ pub fn avoided(
         if !evaluation.is_attack() {
             return None;
         }
-        let time = avoidance.of(&prepared).time_to_react?;
+        let time = avoidance.of(&prepared).latest_start?;
         Some(Avoided { candidate, time, value: objective.value(&evaluation, mu) })
     };
     attack.candidates.iter().enumerate().filter_map(one).collect()
@@ -56,13 +56,13 @@ pub fn chosen(all: &[Avoided], target: f64) -> Option<&Avoided> {
 /// Chooses again among the candidates of an attack, and notes what was not found.
 pub fn choose(attack: &mut Attack, all: &[Avoided], target: f64) {
     let note = match chosen(all, target) {
-        None => Some(format!("no candidate is an avoidable attack, for a time to react of {target} s")),
+        None => Some(format!("no candidate is an avoidable attack, for a latest start of {target} s")),
         Some(one) => {
             attack.chosen = one.candidate;
             attack.note = None;
             let is_within = (one.time - target).abs() <= WITHIN + 1e-9;
             (!is_within).then(|| {
-                format!("no candidate has a time to react of {target} s; the nearest has {:.1} s", one.time)
+                format!("no candidate has a latest start of {target} s; the nearest has {:.1} s", one.time)
             })
         }
     };

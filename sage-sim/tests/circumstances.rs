@@ -94,7 +94,7 @@ fn a_car_from_a_side_road_has_the_right_of_way_if_the_ego_runs_over_red() {
 #[test]
 fn an_oncoming_car_on_the_side_of_the_ego_has_crossed_the_line() {
     // West at 5 m/s, in its lane up to step 30, then over the line.
-    let mut other = car("other", [75.0, 3.5], PI, 5.0);
+    let mut other = car("other", [70.0, 3.5], PI, 5.0);
     for frame in NOW + 31..FRAMES {
         other.position[frame][1] = (3.5 - 0.2 * (frame - NOW - 30) as f64).max(0.0);
     }

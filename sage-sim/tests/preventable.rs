@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use sage_core::{
+    geometry::{Point, distance},
     motion::{HORIZON, NOW, Pose, Trajectory},
     scene::SceneIndex,
 };
@@ -196,13 +197,20 @@ fn a_driver_at_thirty_percent_of_the_speed_of_the_reference_passes_no_test_that_
             if prevention.by().is_none() {
                 continue;
             }
-            // The way of the reference, in each frame less than a third as far.
+            // Along the way of the reference, at each frame 0.3 times as far.
+            let points: Vec<Point> = prevention.motions.iter().map(|motion| motion.position).collect();
+            let mut along = vec![0.0];
+            for pair in points.windows(2) {
+                along.push(along[along.len() - 1] + distance(pair[0], pair[1]));
+            }
             let slowed = |step: usize| {
-                let at = 0.3 * step as f64;
-                let [a, b] = [at.floor(), at.ceil()].map(|k| prevention.motions[k as usize]);
-                let between = |x: [f64; 2], y: [f64; 2]| [0, 1].map(|k| x[k] + at.fract() * (y[k] - x[k]));
-                let velocity = between(a.velocity, b.velocity).map(|v| 0.3 * v);
-                Motion { position: between(a.position, b.position), velocity, ..a }
+                let wanted = 0.3 * along[step];
+                let k = along.iter().rposition(|a| *a <= wanted).unwrap().min(points.len() - 2);
+                let share = (wanted - along[k]) / (along[k + 1] - along[k]).max(1e-9);
+                let at = prevention.motions[k];
+                let position =
+                    [0, 1].map(|axis| points[k][axis] + share * (points[k + 1][axis] - points[k][axis]));
+                Motion { position, velocity: prevention.motions[step].velocity.map(|v| 0.3 * v), ..at }
             };
             let before = test.unattacked().motions[..=NOW].iter().copied();
             let motions = before.chain((1..prevention.motions.len()).map(slowed)).collect();

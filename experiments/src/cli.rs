@@ -18,6 +18,7 @@ mod training;
 
 use std::path::PathBuf;
 
+use advsage::part::PolicyParts;
 use clap::{
     Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
@@ -26,7 +27,6 @@ use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
 use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
-use crate::part::PolicyParts;
 
 pub(crate) use adversaries::{TrainAdversaryCommand, TrainGooseArgs, TrainSealArgs, TrainingScenesArgs};
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, ExplainArgs, GenerateArgs, Values};

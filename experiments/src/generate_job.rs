@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use advsage::Registries;
 use clap::Parser;
 
 use crate::{
-    Registries,
     cli::GenerateArgs,
     commands::generate,
     outcome::code_of,

@@ -14,7 +14,7 @@
 //! fn main() -> std::process::ExitCode {
 //!     experiments::run(|| {
 //!         let registries = Registries::shipped()?;
-//!         // registries.rewards = registries.rewards.with::<MyReward>()?;
+//!         // registries.parts.rewards = registries.parts.rewards.with::<MyReward>()?;
 //!         Ok(registries)
 //!     })
 //! }
@@ -53,15 +53,10 @@ use std::{io, process::ExitCode};
 use anyhow::Result;
 use sage_core::{Error, defect};
 
+pub use advsage::operating_point::{OperatingPointSpec, RowKey};
 pub use cli::Cli;
 pub use outcome::Outcome;
-pub use sage_bench::{
-    Registries,
-    operating_point::{OperatingPointSpec, RowKey},
-};
-pub(crate) use sage_bench::{
-    ego, generators, latest_start, operating_point, part, references, search, selection,
-};
+pub use sage_bench::Registries;
 
 /// Runs the command line of this process. Exit codes: 0 all is done, 2 wrong usage, 65 done
 /// but scenes are bad, 70 a scene met a defect of this program, 74 an input or output error that another try may pass, 1

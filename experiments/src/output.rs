@@ -16,12 +16,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use advsage::ego::Ego;
 use anyhow::{Context, Result, bail};
 use sage_bench::table::Table;
 use sage_core::files::{self, Existing, OutputLock};
 use sage_data::dataset::Shard;
 
-use crate::{ego::Ego, progress, terminal};
+use crate::{progress, terminal};
 
 pub(crate) use claims::{Claims, ShardState, ranges};
 pub(crate) use command_line::{command, command_with, identify_by, program, quoted, stand_for};

@@ -8,9 +8,10 @@ use std::{
     time::{Duration, Instant},
 };
 
+use advsage::ego::Ego;
 use sage_bench::wrap::wrapped;
 
-use crate::{ego::Ego, terminal};
+use crate::terminal;
 
 /// Minimum time between two updates.
 const INTERVAL: Duration = Duration::from_millis(200);

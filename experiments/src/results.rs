@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
+use advsage::search::PlanSources;
 use anyhow::Result;
-use sage_bench::search::PlanSources;
 use sage_core::{
     motion::Trajectory,
     objective::{Context, ContextOptions},

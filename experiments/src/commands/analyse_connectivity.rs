@@ -2,6 +2,7 @@
 
 mod components;
 
+use advsage::Registries;
 use anyhow::{Context as _, Result};
 use sage_bench::{
     chart::{
@@ -14,7 +15,7 @@ use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, REALISTIC};
 
 use self::components::Components;
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::ConnectivityArgs,
     networks,
     output::{self, Folder},

@@ -2,14 +2,17 @@
 
 use std::io::Write;
 
+use advsage::{
+    Registries,
+    ego::Ego,
+    part::{PolicyPart, PolicyParts},
+};
 use anyhow::Result;
 
 use crate::{
-    Outcome, Registries,
+    Outcome,
     bench::speed::{self, Data, Timing},
     cli::SpeedArgs,
-    ego::Ego,
-    part::{PolicyPart, PolicyParts},
     terminal,
 };
 

@@ -5,6 +5,7 @@ mod measured;
 
 use std::{path::Path, sync::Arc};
 
+use advsage::selection::Selection;
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_backbones::Backbone;
 use sage_bench::{
@@ -30,7 +31,6 @@ use crate::{
     output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord},
     progress::{self, Progress, count},
     scenes::Scenes,
-    selection::Selection,
 };
 
 use measured::{ChosenScenes, RESULTS, StoredResults, described, records, result_file, short_names};
@@ -357,11 +357,11 @@ struct Weights<'r>(&'r Registries);
 
 impl ExpertSource for Weights<'_> {
     fn network(&self, name: &str) -> Result<Arc<dyn Backbone>> {
-        Ok(networks::load(&self.0.backbones, name)?.network.into())
+        Ok(networks::load(&self.0.parts.backbones, name)?.network.into())
     }
 
     fn experts(&self, name: &str) -> Result<ExpertSet> {
-        networks::load_experts(&self.0.backbones, name)
+        networks::load_experts(&self.0.parts.backbones, name)
     }
 
     fn dial(

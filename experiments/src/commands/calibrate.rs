@@ -5,6 +5,7 @@ mod attack_grid;
 
 use std::{collections::HashSet, sync::Arc};
 
+use advsage::{Registries, generators::Generators, selection::Selection};
 use anyhow::{Context as _, Result, ensure};
 use sage_bench::curve::Linearity;
 use sage_core::objective::PartSpec;
@@ -12,14 +13,12 @@ use sage_generators::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
 
 use self::attack_grid::AttackGrid;
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::CalibrateArgs,
-    generators::Generators,
     networks,
     output::{self, OutputFile},
     progress::{self, Progress},
     scenes::Scenes,
-    selection::Selection,
 };
 
 /// Number of aggressions at which a dial is evaluated.

@@ -1,11 +1,12 @@
 //! `sage demo`: generates procedural scenes and attacks them at five aggressions.
 
+use advsage::Registries;
 use anyhow::{Result, bail};
 use clap::Parser;
 
 use super::{generate, scenes};
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::{Cli, Command, DemoArgs},
     output::{Folder, Part},
     progress,

@@ -10,6 +10,7 @@ use std::{
     sync::Arc,
 };
 
+use advsage::Registries;
 use anyhow::{Result, bail, ensure};
 use sage_core::{
     objective::{Context, ContextOptions},
@@ -19,7 +20,7 @@ use sage_data::{Recording, checks};
 
 use super::search::SceneRow;
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::{ExplainArgs, Values},
     output::{self, OutputFile},
     progress,

@@ -6,6 +6,7 @@ mod options;
 
 use std::{sync::Arc, time::Instant};
 
+use advsage::{Registries, weights::NamedNetwork};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
@@ -15,7 +16,7 @@ use sage_backbones::{
     training::{CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune},
     weights::PRIOR_FILE,
 };
-use sage_bench::{table::Table, weights::NamedNetwork};
+use sage_bench::table::Table;
 use sage_core::{objective::Objective, scene::SceneData};
 use sage_generators::DIAL_FILE;
 use sage_merging::{ExpertFile, ExpertSet};
@@ -24,7 +25,7 @@ use serde_json::{Map, Value, json};
 use options::{EDGES, Expert, RunOptions};
 
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::FinetuneArgs,
     networks,
     output::{self, Run, RunState},

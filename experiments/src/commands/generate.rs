@@ -13,11 +13,12 @@ mod view;
 
 use std::path::{Path, PathBuf};
 
+use advsage::Registries;
 use anyhow::Result;
 use rayon::prelude::*;
 
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::GenerateArgs,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, State},
     progress,

@@ -2,6 +2,7 @@
 
 use std::{io::Write, sync::Arc};
 
+use advsage::Registries;
 use anyhow::{Context as _, Result};
 use sage_backbones::{
     candidates::Selection,
@@ -18,7 +19,7 @@ use sage_data::{Recording, checks};
 use serde::Serialize;
 
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::{PredictArgs, SelectArg},
     drawing::{self, DrawnPath, Picture},
     input, networks,

@@ -4,6 +4,7 @@ mod curve;
 
 use std::time::{Duration, Instant};
 
+use advsage::Registries;
 use anyhow::{Context as _, Result};
 use sage_backbones::{
     Backbone,
@@ -14,7 +15,7 @@ use sage_backbones::{
 use serde_json::json;
 
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::PretrainArgs,
     input, networks,
     output::{self, Folder, Run, RunState},

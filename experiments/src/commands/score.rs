@@ -2,6 +2,7 @@
 
 use std::{io::Write, sync::Arc};
 
+use advsage::Registries;
 use anyhow::{Result, anyhow};
 use sage_core::{
     motion::{NOW, check_path},
@@ -12,7 +13,7 @@ use sage_sim::avoidable::{Avoidable, Avoidance};
 use serde::Serialize;
 
 use crate::{
-    Outcome, Registries, candidates,
+    Outcome, candidates,
     cli::{ScoreArgs, SizesArg},
     terminal,
 };

@@ -9,10 +9,11 @@ mod summary;
 
 use std::path::Path;
 
+use advsage::Registries;
 use anyhow::{Result, bail};
 
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::{Keep, SearchArgs},
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part},
     progress,

@@ -10,15 +10,18 @@ mod summary;
 
 use std::path::PathBuf;
 
+use advsage::{
+    Registries,
+    ego::{self, Ego},
+    part::{PolicyPart, PolicyParts},
+};
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
 
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::SimulateArgs,
-    ego::{self, Ego},
     output::{self, Counts, DatasetRun, Ended, LONGEST_FILE_NAME, MANIFEST, Part, RECORD},
-    part::{PolicyPart, PolicyParts},
     progress,
     run_generator::RunGenerator,
     scene_queue::{self, Input, Report, Scenes, Worked},

@@ -4,6 +4,7 @@ mod upgrade;
 
 use std::collections::{HashMap, HashSet};
 
+use advsage::Registries;
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
 use sage_data::{Recording, dataset};
@@ -18,7 +19,7 @@ use super::search::{
     found::{FailureFile, FailureScene, Found, json, without_folders},
 };
 use crate::{
-    Outcome, Registries,
+    Outcome,
     attacked_files::{Attack, AttackedFiles, Formats},
     cli::{Keep, SearchFormat, SuiteArgs},
     outcome::{caught, without_defects},

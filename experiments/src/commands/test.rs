@@ -4,6 +4,7 @@ mod row;
 
 use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
 
+use advsage::{Registries, ego::Ego};
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use rayon::prelude::*;
 use sage_core::{files, objective::Feasibility, scene::SceneIndex};
@@ -18,9 +19,8 @@ use sage_sim::{
 
 use super::suite::FILE;
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::TestArgs,
-    ego::Ego,
     junit,
     outcome::caught,
     output::{OutputFile, RECORD},

@@ -61,7 +61,7 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
     // A folder that cannot be written to is an error before the work.
     let folder = args.out.as_ref().map(|out| Folder::make(out, args.force)).transpose()?;
     // Scenes that cannot be read are an error before the claims, which take longer.
-    let found = args.data.is_some().then(|| diagnostics::run(args, registries)).transpose()?;
+    let found = args.data.is_some().then(|| diagnostics::run(args, &registries.parts)).transpose()?;
     let failed = found.as_ref().map_or(0, |(.., failed)| *failed);
     let diagnostics = found.map(|(subject, diagnostics, _)| (subject, diagnostics));
     let progress = Mutex::new(Progress::new("checked", claims.len()));

@@ -5,8 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use advsage::weights;
 use anyhow::{Result, bail};
-use sage_bench::weights;
 use sage_data::womd;
 
 use super::{command_line, resolved_folder};

@@ -5,6 +5,7 @@ use std::{
     sync::Arc,
 };
 
+use advsage::Registries;
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
@@ -17,7 +18,7 @@ use sage_core::{
 use sage_data::{ReadOptions, Recording};
 use serde::Deserialize;
 
-use crate::{Registries, scene_queue::ROW_LIMIT};
+use crate::scene_queue::ROW_LIMIT;
 
 /// What is read of the file.
 #[derive(Deserialize)]

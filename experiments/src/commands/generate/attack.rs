@@ -2,6 +2,7 @@
 
 use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
+use advsage::latest_start;
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
     files,
@@ -24,7 +25,6 @@ use super::{
 };
 use crate::{
     attacked_files::{self, AttackedFiles, Facts},
-    latest_start,
     output::{self, DatasetRun},
     scene_queue::{Failure, Line, SceneReport},
 };

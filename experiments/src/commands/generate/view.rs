@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use advsage::operating_point::OperatingPointSpec;
 use anyhow::Result;
 use sage_core::{
     generator::Proposal,
@@ -21,7 +22,6 @@ use super::{
 };
 use crate::{
     drawing::{self, DrawnPath, Picture, drawn_path},
-    operating_point::OperatingPointSpec,
     player::{self, Meeting, Panel, Path, Sweep},
 };
 

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use advsage::operating_point::RowKey;
 use sage_core::{files, motion::Trajectory, objective::kinematic_penalty};
 use sage_sim::{
     avoidable::{Avoidable, earlier_names},
@@ -14,7 +15,7 @@ use sage_sim::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use crate::{operating_point::RowKey, scene_queue::ROW_LIMIT, terminal};
+use crate::{scene_queue::ROW_LIMIT, terminal};
 
 /// Name of the row of a scene.
 pub(crate) fn row_file(scene: &str) -> String {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use advsage::{Registries, ego::Ego, part::PolicyPart};
 use anyhow::{Result, ensure};
 use sage_core::scene::SceneIndex;
 use sage_data::Recording;
@@ -11,10 +12,7 @@ use sage_sim::{
 };
 
 use crate::{
-    Registries,
     cli::SimulateArgs,
-    ego::Ego,
-    part::PolicyPart,
     progress::{self, count},
     scene_queue::Input,
 };

@@ -2,6 +2,7 @@
 
 use std::{sync::Arc, time::Instant};
 
+use advsage::ego::Ego;
 use anyhow::{Context as _, Result};
 use sage_core::{
     files,
@@ -20,7 +21,6 @@ use super::{
     row::{AttackRow, DriveRow, RowHead},
 };
 use crate::{
-    ego::Ego,
     output::DatasetRun,
     player::{self, Panel, Sweep},
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},

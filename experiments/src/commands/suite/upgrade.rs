@@ -3,6 +3,7 @@
 
 use std::{collections::BTreeSet, path::Path, sync::Arc};
 
+use advsage::{Registries, ego::Ego, part::PolicyPart, references};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{
@@ -19,14 +20,12 @@ use sage_sim::{
 
 use super::{FILE, remove_old};
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::SuiteArgs,
     commands::{search::found::without_folders, test},
-    ego::Ego,
     outcome::caught,
     output::Folder,
-    part::PolicyPart,
-    progress, references, terminal,
+    progress, terminal,
 };
 
 /// What becomes of a test: kept as the driver fails at it now, or why not.

@@ -4,6 +4,7 @@ mod mixtures;
 mod models;
 mod weight_and_output;
 
+use advsage::Registries;
 use anyhow::{Result, ensure};
 use sage_backbones::training::{Measures, PreparedScene};
 use sage_bench::{
@@ -22,7 +23,6 @@ use self::{
     weight_and_output::Comparison,
 };
 use crate::{
-    Registries,
     cli::TheoryArgs,
     networks,
     progress::{self, Progress},

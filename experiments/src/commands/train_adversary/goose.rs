@@ -10,6 +10,10 @@ mod training;
 
 use std::time::Instant;
 
+use advsage::{
+    Registries,
+    ego::{self, Ego},
+};
 use anyhow::{Result, ensure};
 use candle_core::{Device, Tensor};
 use rayon::prelude::*;
@@ -18,7 +22,6 @@ use sage_backbones::{
     goose::{GOOSE_FILE, GooseWeights},
     parameters::Header,
 };
-use sage_bench::ego::{self, Ego};
 use sage_core::{objective::Context, scene::SceneData};
 use sage_sim::{SimScene, attack_test::AttackTest};
 use serde_json::json;
@@ -29,7 +32,7 @@ use self::{
 };
 use super::training_scenes::TrainingScenes;
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::TrainGooseArgs,
     outcome::caught,
     output::{self, Run, RunState},

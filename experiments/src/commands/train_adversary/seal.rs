@@ -10,6 +10,12 @@ use std::{
     time::Instant,
 };
 
+use advsage::{
+    Registries,
+    generators::{BuiltGenerator, Generators, weight_hashes},
+    part::Part,
+    selection::Selection,
+};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
@@ -31,16 +37,13 @@ use serde_json::{Value, json};
 use self::{collected::Collected, curves::Curves};
 use super::training_scenes::TrainingScenes;
 use crate::{
-    Outcome, Registries,
+    Outcome,
     cli::TrainSealArgs,
-    generators::{BuiltGenerator, Generators, weight_hashes},
     networks,
     outcome::caught,
     output::{self, Run, RunState},
-    part::Part,
     progress::{self, count},
     scenes::{self, Scenes},
-    selection::Selection,
 };
 
 /// The same with the skills of ordinary driving.

@@ -31,8 +31,8 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         Some(loaded) => loaded,
         None => TrainingState::new(&options, shared.training.len()).map_err(|problem| anyhow!(problem))?,
     };
-    let curriculum = shared.args.curriculum.build(&shared.registries.curricula)?;
-    let sampler = shared.args.sampler.build(&shared.registries.scene_samplers)?;
+    let curriculum = shared.args.curriculum.build(&shared.registries.parts.curricula)?;
+    let sampler = shared.args.sampler.build(&shared.registries.parts.scene_samplers)?;
     let setting = Setting {
         scenes: &shared.training,
         evaluation: &shared.evaluation,

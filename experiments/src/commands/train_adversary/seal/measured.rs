@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use advsage::generators::BuiltGenerator;
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_backbones::seal::{SKILL, SealWeights, SkillEncoder, SkillWindows, WINDOW};
@@ -25,7 +26,7 @@ use sage_sim::{
 use serde::Serialize;
 
 use super::collected::RolloutScene;
-use crate::{generators::BuiltGenerator, outcome::caught, scenes::Scenes};
+use crate::{outcome::caught, scenes::Scenes};
 
 /// What was measured; every estimate is a mean over scenes with its 95 % interval.
 #[derive(Default, Serialize)]

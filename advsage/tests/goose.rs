@@ -4,13 +4,13 @@
 
 use std::{cell::Cell, path::Path, sync::Arc};
 
+use advsage::{Registries, generators::Generators, part::Part, selection::Selection};
 use sage_backbones::{
     Parameters,
     goose::{ACTION, GooseOptions, GooseWeights},
     parameters::Header,
     weights::Weights,
 };
-use sage_bench::{Registries, generators::Generators, part::Part, selection::Selection};
 use sage_core::{
     Error,
     generator::{DrivenEgo, DriverUnderTest, OperatingPoint},

@@ -4,11 +4,11 @@
 
 use std::{path::Path, sync::Arc};
 
-use sage_backbones::weights::Weights;
-use sage_bench::{
+use advsage::{
     Registries, driver_search::DriverSearch, generators::Generators, part::Part, search::rule,
     selection::Selection,
 };
+use sage_backbones::weights::Weights;
 use sage_core::{generator::OperatingPoint, motion::Trajectory, scene::SceneIndex};
 use sage_data::procedural::{Kind, generate};
 use sage_merging::ExpertSet;

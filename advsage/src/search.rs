@@ -19,7 +19,6 @@ use crate::{
     operating_point::{OperatingPointSpec, RowKey},
     part::Part,
     selection::Selection,
-    study::Study,
 };
 
 /// Generators of the default pool.
@@ -196,16 +195,6 @@ pub fn rule(registries: &Registries, feasibility: Option<&Part>) -> Result<Selec
     let objective = Objective::new(&spec, &registries.rewards, &registries.feasibilities)?;
     ensure!(objective.needs_prior(), "the selection of a search asks for likelihoods");
     Ok(Selection { name: "likeliest".to_owned(), objective })
-}
-
-/// The rule and the options of the searches of a study.
-///
-/// *Errors*: as [`rule`].
-pub fn of_study(study: &Study, registries: &Registries) -> Result<(Selection, SearchOptions)> {
-    let feasibility =
-        study.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(anyhow::Error::msg)?;
-    let avoidable = study.avoidable.unwrap_or(study.search.avoidable);
-    Ok((rule(registries, feasibility.as_ref())?, SearchOptions { avoidable, ..study.search }))
 }
 
 /// An objective that prefers likely plans. A search takes all candidates, so what a generator selects does not matter; but

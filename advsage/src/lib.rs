@@ -19,6 +19,7 @@ mod registries;
 pub mod search;
 pub mod searched_attacker;
 pub mod selection;
+pub mod selection_outcome;
 pub mod weights;
 
 pub use error::Error;

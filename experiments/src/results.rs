@@ -21,6 +21,10 @@ use sage_sim::{
     search::{Pool, Requirement, SearchResult},
     traffic::Plan,
 };
+use sage_view::{
+    drawing::{self, Picture, drawn_path},
+    player,
+};
 use serde_json::{Map, Value};
 
 use crate::{
@@ -32,8 +36,7 @@ use crate::{
         },
     },
     contact_row::step,
-    drawing::{self, Picture, drawn_path},
-    player, scenario_files,
+    scenario_files,
 };
 
 /// Fields of rows that say which run and file they are of.

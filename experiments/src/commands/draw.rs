@@ -7,15 +7,9 @@ use sage_core::{
     objective::{Context, ContextOptions},
     scene::{Scene, SceneIndex},
 };
+use sage_view::drawing::{self, DrawnPath, Picture, drawn_path};
 
-use crate::{
-    Outcome, candidates,
-    candidates::NamedCandidate,
-    cli::DrawArgs,
-    drawing::{self, DrawnPath, Picture, drawn_path},
-    input,
-    output::OutputFile,
-};
+use crate::{Outcome, candidates, candidates::NamedCandidate, cli::DrawArgs, input, output::OutputFile};
 
 pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
     let out = OutputFile::claim(&args.out, args.force)?;

@@ -16,12 +16,12 @@ use sage_core::{
     seed::Rng,
 };
 use sage_data::{Recording, checks};
+use sage_view::drawing::{self, DrawnPath, Picture};
 use serde::Serialize;
 
 use crate::{
     Outcome,
     cli::{PredictArgs, SelectArg},
-    drawing::{self, DrawnPath, Picture},
     input, networks,
     output::OutputFile,
     progress, terminal,

@@ -9,6 +9,13 @@ use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{files, geometry::Aabb};
 use sage_data::Recording;
+use sage_view::{
+    html_page,
+    listing::{
+        self, ListedScene,
+        road::{self, RoadLine},
+    },
+};
 use serde::Serialize;
 
 use super::search::{
@@ -18,11 +25,6 @@ use super::search::{
 use crate::{
     Outcome,
     cli::{FailureReportArgs, Keep},
-    html_page,
-    listing::{
-        self, ListedScene,
-        road::{self, RoadLine},
-    },
     outcome::{caught, without_defects},
     output::Folder,
     progress,

@@ -14,10 +14,10 @@ use sage_core::{
     objective::{Context, ContextOptions, Scorer, verdict},
     scene::SceneData,
 };
+use sage_view::drawing::{self, Picture, drawn_path};
 
 use super::measured::ChosenScenes;
 use crate::{
-    drawing::{self, Picture, drawn_path},
     output::{self, Folder},
     terminal::escaped_html as escaped,
 };

@@ -1,9 +1,10 @@
 //! An explanation as text.
 
+use advsage::selection_outcome::SelectionOutcome;
 use sage_bench::{table::Table, wrap::wrapped};
 
 use super::explanation::{Explanation, ValuedCandidate};
-use crate::{selection_outcome::SelectionOutcome, terminal};
+use crate::terminal;
 
 /// An explanation in words, with the values of the best candidates.
 pub(super) fn text(one: &Explanation) -> String {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use advsage::selection_outcome::{CandidateCounts, SelectionOutcome};
 use sage_core::{
     files,
     generator::Note,
@@ -12,11 +13,7 @@ use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Deserialize;
 
 use super::row::VariantRow;
-use crate::{
-    scene_queue::ROW_LIMIT,
-    selection_outcome::{CandidateCounts, SelectionOutcome},
-    terminal,
-};
+use crate::{scene_queue::ROW_LIMIT, terminal};
 
 /// A row holds all but its candidates within this many bytes.
 const HEAD: u64 = 1 << 16;

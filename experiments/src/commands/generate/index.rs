@@ -9,6 +9,14 @@ use sage_core::{
     scene::{Scene, Track},
 };
 use sage_data::{ReadOptions, Recording};
+use sage_view::{
+    html_page::link,
+    listing::{
+        self, ListedScene,
+        car::{Car, path, shown_area},
+        road::{self, RoadLine},
+    },
+};
 use serde::Serialize;
 
 use super::{
@@ -18,12 +26,6 @@ use super::{
     row::prevented,
 };
 use crate::{
-    html_page::link,
-    listing::{
-        self, ListedScene,
-        car::{Car, path, shown_area},
-        road::{self, RoadLine},
-    },
     output::Folder,
     scene_queue::{Input, is_row_of},
 };

@@ -2,6 +2,7 @@
 
 use std::num::NonZeroUsize;
 
+use advsage::selection_outcome::{CandidateCounts, SelectionOutcome};
 use sage_core::{
     motion::Trajectory,
     objective::{Scores, Violation},
@@ -10,10 +11,7 @@ use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Serialize;
 use serde_json::{Map, Value, value::RawValue};
 
-use crate::{
-    selection_outcome::{CandidateCounts, SelectionOutcome},
-    terminal,
-};
+use crate::terminal;
 
 /// One attack, as its file records it.
 #[derive(Serialize)]

@@ -12,6 +12,10 @@ use sage_core::{
     scene::Track,
 };
 use sage_sim::{avoidable::Avoidable, vehicle::Motion};
+use sage_view::{
+    drawing::{self, DrawnPath, Picture, drawn_path},
+    player::{self, Meeting, Panel, Path, Sweep},
+};
 
 use super::{
     found_row,
@@ -19,10 +23,6 @@ use super::{
     names::INDEX,
     plan::Plan,
     scored::{ScoredCandidates, bits},
-};
-use crate::{
-    drawing::{self, DrawnPath, Picture, drawn_path},
-    player::{self, Meeting, Panel, Path, Sweep},
 };
 
 /// Most attacks that a page shows side by side. More share a box with a slider.

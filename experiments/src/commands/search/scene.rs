@@ -13,6 +13,7 @@ use sage_sim::{
     search::{Failure as DriverFailure, Pool, Reason, SearchResult},
     vehicle::Motion,
 };
+use sage_view::player::shown_part;
 use serde_json::{Map, Value, json};
 
 use super::{
@@ -28,7 +29,6 @@ use crate::{
     cli::SearchFormat,
     contact_row::step,
     output::{self, DatasetRun},
-    player::shown_part,
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
 

@@ -14,12 +14,12 @@ use sage_sim::{
     fault::FaultClass,
     vehicle::Motion,
 };
+use sage_view::player::{self, Meeting, Panel};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::{
     contact_row::{ContactRow, step},
-    player::{self, Meeting, Panel},
     scene_queue::ROW_LIMIT,
     terminal,
 };

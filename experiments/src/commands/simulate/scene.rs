@@ -12,6 +12,7 @@ use sage_data::{Recording, checks};
 use sage_sim::{
     SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, policy::Shown, traffic::Plan,
 };
+use sage_view::player::{self, Panel, Sweep};
 
 use serde_json::{Map, Value};
 
@@ -22,7 +23,6 @@ use super::{
 };
 use crate::{
     output::DatasetRun,
-    player::{self, Panel, Sweep},
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
 

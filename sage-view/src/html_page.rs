@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::terminal::escaped_html;
+use sage_core::text::escaped_html;
 
 /// What pages begin with: no page loads anything from elsewhere.
 const HEAD: &str = include_str!("html_page/head.html");
@@ -16,7 +16,7 @@ const TAIL: &str = include_str!("html_page/tail.html");
 /// Data as JSON for a script element.
 ///
 /// *Errors*: data that JSON cannot hold.
-pub(crate) fn embedded(data: &impl Serialize) -> Result<String> {
+pub fn embedded(data: &impl Serialize) -> Result<String> {
     // Within a script element only `<` could end the data.
     Ok(serde_json::to_string(data)?.replace('<', "\\u003c"))
 }
@@ -25,7 +25,7 @@ pub(crate) fn embedded(data: &impl Serialize) -> Result<String> {
 /// of `{{WORDS}}`.
 ///
 /// *Errors*: a template without the places for title and data.
-pub(crate) fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
+pub fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
     let title = escaped_html(title);
     // The data come last: a title may hold the name of another part.
     let page = [HEAD, body, TAIL].concat().replace("{{WORDS}}", &glossary::html());
@@ -38,13 +38,13 @@ pub(crate) fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> 
 }
 
 /// The data of a page that [`assembled`] made; `None` if there are none.
-pub(crate) fn data_of(page: &str) -> Option<Value> {
+pub fn data_of(page: &str) -> Option<Value> {
     let (_, data) = page.split_once("type=\"application/json\">")?;
     serde_json::from_str(data.split_once("</script>")?.0).ok()
 }
 
 /// A file name as a link.
-pub(crate) fn link(name: &str) -> String {
+pub fn link(name: &str) -> String {
     let mut out = String::new();
     for byte in name.bytes() {
         match byte {

@@ -13,7 +13,7 @@ const AROUND: f64 = 35.0;
 
 /// A car up to the moment of the thumbnail: its path in decimetres as differences, and its box.
 #[derive(Serialize)]
-pub(crate) struct Car {
+pub struct Car {
     length: f64,
     width: f64,
     heading: f64,
@@ -21,7 +21,8 @@ pub(crate) struct Car {
 }
 
 impl Car {
-    pub(crate) fn new(area: &OrientedBox, path: &[Point]) -> Self {
+    /// A car with its box and the path that leads there.
+    pub fn new(area: &OrientedBox, path: &[Point]) -> Self {
         Self {
             length: 2.0 * area.half_length,
             width: 2.0 * area.half_width,
@@ -32,12 +33,12 @@ impl Car {
 }
 
 /// The path of a car from *now* to a step.
-pub(crate) fn path(track: &Track, points: &[Point], step: usize) -> Vec<Point> {
+pub fn path(track: &Track, points: &[Point], step: usize) -> Vec<Point> {
     std::iter::once(track.point(NOW)).chain(points.iter().take(step).copied()).collect()
 }
 
 /// The area that a thumbnail of these paths shows.
-pub(crate) fn shown_area(paths: &[Vec<Point>]) -> Aabb {
+pub fn shown_area(paths: &[Vec<Point>]) -> Aabb {
     let is_shown = |p: &Point, path: &[Point]| path.last().is_some_and(|end| distance(*p, *end) < SHOWN_PATH);
     let shown = paths.iter().flat_map(|path| path.iter().filter(|p| is_shown(p, path)).copied());
     let area = Aabb::of(shown);

@@ -125,7 +125,7 @@ fn pixels(viewport: &Viewport, points: &[[f64; 3]]) -> Vec<Point> {
 }
 
 /// Mean width of a lane, or the default width, metres.
-pub(crate) fn lane_width(feature: &MapFeature) -> f64 {
+pub fn lane_width(feature: &MapFeature) -> f64 {
     let widths = feature.lane.as_ref().map(|lane| &lane.width[..]).unwrap_or_default();
     let known: Vec<f64> = widths.iter().map(|[l, r]| l + r).filter(|w| *w > 1.0).collect();
     if known.is_empty() {

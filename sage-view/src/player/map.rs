@@ -62,7 +62,7 @@ fn width(feature: &MapFeature) -> Option<i64> {
 }
 
 /// The pieces of a line whose segments come into an area.
-pub(crate) fn parts_inside(points: &[Point], area: &Aabb) -> Vec<Vec<Point>> {
+pub fn parts_inside(points: &[Point], area: &Aabb) -> Vec<Vec<Point>> {
     let mut parts: Vec<Vec<Point>> = Vec::new();
     let mut is_open = false;
     for pair in points.windows(2) {
@@ -79,7 +79,7 @@ pub(crate) fn parts_inside(points: &[Point], area: &Aabb) -> Vec<Vec<Point>> {
 }
 
 /// A line with fewer points, none of the others farther than `error` from it (Ramer, Douglas and Peucker).
-pub(crate) fn simplified(points: &[Point], error: f64) -> Vec<Point> {
+pub fn simplified(points: &[Point], error: f64) -> Vec<Point> {
     let mut keeps = vec![false; points.len()];
     let mut spans = vec![(0, points.len() - 1)];
     (keeps[0], keeps[points.len() - 1]) = (true, true);

@@ -8,7 +8,7 @@ use sage_core::{
 use super::DrawnPath;
 
 /// The drawing of a candidate.
-pub(crate) fn drawn_path(name: String, ctx: &Context, trajectory: Trajectory) -> DrawnPath {
+pub fn drawn_path(name: String, ctx: &Context, trajectory: Trajectory) -> DrawnPath {
     let candidate = ctx.candidate(trajectory);
     let contact = Situation::new(&candidate, ctx.ego(), ctx).encounter.contact.and_then(|step| {
         let ego = ctx.ego().box_at(step)?;

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// What came of a selection. The names are those of `sage search`, where it has the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum SelectionOutcome {
+pub enum SelectionOutcome {
     /// A believable attack.
     Attack,
     /// The selected candidate is a feasible hit that a person would not believe.
@@ -30,12 +30,12 @@ pub(crate) enum SelectionOutcome {
 
 impl SelectionOutcome {
     /// Whether the selected candidate is a feasible hit.
-    pub(crate) fn is_attack(self) -> bool {
+    pub fn is_attack(self) -> bool {
         matches!(self, Self::Attack | Self::NotBelievable)
     }
 
     /// Why there is no believable attack, in words; `None` if there is one.
-    pub(crate) fn reason(self) -> Option<&'static str> {
+    pub fn reason(self) -> Option<&'static str> {
         Some(match self {
             Self::Attack => return None,
             Self::NotBelievable => "the attack is not believable",
@@ -47,7 +47,7 @@ impl SelectionOutcome {
     }
 
     /// The outcome in words. A selection says more about an attack.
-    pub(crate) fn words(self) -> String {
+    pub fn words(self) -> String {
         match self {
             Self::Attack => "believable attack".to_owned(),
             Self::NotBelievable => "attack, not believable".to_owned(),
@@ -59,7 +59,7 @@ impl SelectionOutcome {
 /// What a candidate does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum CandidateKind {
+pub enum CandidateKind {
     /// It does not touch the ego.
     NoContact,
     /// It touches the ego, and is not feasible.
@@ -72,7 +72,7 @@ pub(crate) enum CandidateKind {
 
 impl CandidateKind {
     /// Words of a legend.
-    pub(crate) fn words(self) -> &'static str {
+    pub fn words(self) -> &'static str {
         match self {
             Self::NoContact => "no contact",
             Self::InfeasibleHit => "hit, not feasible",
@@ -84,24 +84,26 @@ impl CandidateKind {
 
 /// One candidate of a selection, measured.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Measured<'a> {
-    pub(crate) trajectory: &'a Trajectory,
+pub struct Measured<'a> {
+    /// The candidate.
+    pub trajectory: &'a Trajectory,
     /// Whether it touches the ego.
-    pub(crate) is_hit: bool,
+    pub is_hit: bool,
     /// Violations of the rule of the selection.
-    pub(crate) violations: &'a [Violation],
+    pub violations: &'a [Violation],
     /// Why a person would not believe it; empty without contact.
-    pub(crate) unbelievable: &'a [Reason],
-    pub(crate) nearest: Option<Nearest>,
+    pub unbelievable: &'a [Reason],
+    /// Where it comes nearest to the ego.
+    pub nearest: Option<Nearest>,
 }
 
 /// Where a candidate comes nearest to the ego.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Nearest {
+pub struct Nearest {
     /// Distance of the centres, metres.
-    pub(crate) distance: f64,
+    pub distance: f64,
     /// Seconds from *now*.
-    pub(crate) after: f64,
+    pub after: f64,
 }
 
 impl Nearest {
@@ -110,7 +112,7 @@ impl Nearest {
     }
 
     /// That of a candidate; `None` if the ego has no box at any of its steps.
-    pub(crate) fn of(candidate: &Candidate, ctx: &Context) -> Option<Self> {
+    pub fn of(candidate: &Candidate, ctx: &Context) -> Option<Self> {
         let steps = candidate.boxes().iter().zip(ctx.ego().boxes()).enumerate();
         let steps = steps.filter_map(|(k, (own, ego))| Some((k, distance(own.center, ego.as_ref()?.center))));
         let (k, distance) = steps.min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -120,31 +122,37 @@ impl Nearest {
 
 /// Hits that break one rule.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Broken {
-    pub(crate) hits: usize,
+pub struct Broken {
+    /// Number of hits.
+    pub hits: usize,
     /// Earliest violation, seconds from *now*; then the adversary's position and direction.
-    pub(crate) from: f64,
-    pub(crate) place: Point,
-    pub(crate) heading: f64,
+    pub from: f64,
+    /// Centre of the adversary then, metres.
+    pub place: Point,
+    /// Its heading then, rad.
+    pub heading: f64,
     /// Track or map feature that is touched.
-    pub(crate) with: String,
+    pub with: String,
 }
 
 /// A violation in a picture: the boxes then, and a label.
 #[derive(Clone, Debug)]
-pub(crate) struct Mark {
+pub struct Mark {
     /// That of the adversary, and that of the road user that it touches, if it is one.
-    pub(crate) boxes: Vec<OrientedBox>,
-    pub(crate) label: String,
+    pub boxes: Vec<OrientedBox>,
+    /// What it says.
+    pub label: String,
 }
 
 /// Feasible hits that a person would not believe for one reason.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Doubted {
-    pub(crate) hits: usize,
+pub struct Doubted {
+    /// Number of hits.
+    pub hits: usize,
     /// The value that comes nearest to the limit, and the limit, in the units of [`Reason`].
-    pub(crate) nearest: f64,
-    pub(crate) limit: Option<f64>,
+    pub nearest: f64,
+    /// The limit that is broken, if there is one.
+    pub limit: Option<f64>,
 }
 
 impl Doubted {
@@ -179,7 +187,7 @@ impl Measured<'_> {
     }
 
     /// What it does.
-    pub(crate) fn kind(&self) -> CandidateKind {
+    pub fn kind(&self) -> CandidateKind {
         match (self.is_hit, self.is_feasible()) {
             (false, _) => CandidateKind::NoContact,
             (true, false) => CandidateKind::InfeasibleHit,
@@ -191,27 +199,30 @@ impl Measured<'_> {
 
 /// The candidates of a selection by what they do.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct CandidateCounts {
-    pub(crate) candidates: usize,
+pub struct CandidateCounts {
+    /// All candidates.
+    pub candidates: usize,
     /// Feasible by the rule of the selection.
-    pub(crate) feasible: usize,
+    pub feasible: usize,
     /// Touch the ego.
-    pub(crate) hits: usize,
-    pub(crate) feasible_hits: usize,
-    pub(crate) believable_hits: usize,
+    pub hits: usize,
+    /// Feasible ones that touch the ego.
+    pub feasible_hits: usize,
+    /// Of these the believable ones.
+    pub believable_hits: usize,
     /// The candidate that comes nearest.
-    pub(crate) nearest: Option<Nearest>,
+    pub nearest: Option<Nearest>,
     /// Rules that infeasible candidates break, whether they hit or not.
-    pub(crate) broken: BTreeMap<String, usize>,
+    pub broken: BTreeMap<String, usize>,
     /// What makes hits infeasible: rule and what is touched.
-    pub(crate) violations: BTreeMap<String, Broken>,
+    pub violations: BTreeMap<String, Broken>,
     /// Why feasible hits are not believable.
-    pub(crate) unbelievable: BTreeMap<String, Doubted>,
+    pub unbelievable: BTreeMap<String, Doubted>,
 }
 
 impl CandidateCounts {
     /// Counts candidates.
-    pub(crate) fn of<'a>(all: impl IntoIterator<Item = Measured<'a>>) -> Self {
+    pub fn of<'a>(all: impl IntoIterator<Item = Measured<'a>>) -> Self {
         let mut counts = Self::default();
         all.into_iter().for_each(|one| counts.add(&one));
         counts
@@ -264,7 +275,7 @@ impl CandidateCounts {
     }
 
     /// What makes hits infeasible, in words; empty if nothing does. The most frequent first.
-    pub(crate) fn violated(&self) -> Vec<String> {
+    pub fn violated(&self) -> Vec<String> {
         let mut all: Vec<(&String, &Broken)> = self.violations.iter().collect();
         all.sort_by_key(|(_, broken)| std::cmp::Reverse(broken.hits));
         let words = |(what, Broken { hits, from, .. }): (&String, &Broken)| {
@@ -274,7 +285,7 @@ impl CandidateCounts {
     }
 
     /// Where hits first break each rule, with a label for pictures.
-    pub(crate) fn marks(&self, scene: &Scene) -> Vec<Mark> {
+    pub fn marks(&self, scene: &Scene) -> Vec<Mark> {
         let Some(adversary) = scene.adversary.map(|k| &scene.tracks[k]) else { return Vec::new() };
         let mark = |(what, broken): (&String, &Broken)| {
             let frame = (NOW + (10.0 * broken.from).round() as usize).min(scene.frames - 1);
@@ -294,12 +305,12 @@ impl CandidateCounts {
     }
 
     /// Why feasible hits are not believable, in words; empty if all are.
-    pub(crate) fn doubted(&self) -> Vec<String> {
+    pub fn doubted(&self) -> Vec<String> {
         self.unbelievable.iter().map(|(name, doubted)| doubted.words(name)).collect()
     }
 
     /// What came of a selection among these, in words.
-    pub(crate) fn outcome_words(&self, outcome: SelectionOutcome) -> String {
+    pub fn outcome_words(&self, outcome: SelectionOutcome) -> String {
         match outcome {
             SelectionOutcome::NotPreferred if self.believable_hits == 0 => {
                 "no attack: no hit is believable, and the selection rates a miss higher".to_owned()
@@ -309,7 +320,7 @@ impl CandidateCounts {
     }
 
     /// What caused an outcome, in words; empty for a believable attack.
-    pub(crate) fn cause(&self, outcome: SelectionOutcome) -> String {
+    pub fn cause(&self, outcome: SelectionOutcome) -> String {
         match outcome {
             SelectionOutcome::Attack | SelectionOutcome::NotBelievable => String::new(),
             SelectionOutcome::NeverHit => self.nearest.map_or(String::new(), |nearest| nearest.words()),
@@ -323,7 +334,7 @@ impl CandidateCounts {
     }
 
     /// What came of a selection among these.
-    pub(crate) fn outcome(&self, selected: &Measured) -> SelectionOutcome {
+    pub fn outcome(&self, selected: &Measured) -> SelectionOutcome {
         match selected.is_hit && selected.is_feasible() {
             true if selected.is_believable() => SelectionOutcome::Attack,
             true => SelectionOutcome::NotBelievable,
@@ -335,7 +346,7 @@ impl CandidateCounts {
     }
 
     /// The counts in a sentence.
-    pub(crate) fn words(&self) -> String {
+    pub fn words(&self) -> String {
         let touching = match (self.hits, self.feasible_hits) {
             (0, _) => {
                 let nearest = self.nearest.map_or(String::new(), |nearest| format!(" ({})", nearest.words()));

@@ -1,6 +1,6 @@
 //! The words of the glossary, as pages show them.
 
-use crate::terminal::escaped_html;
+use sage_core::text::escaped_html;
 
 /// A table of words, meanings and links.
 const GLOSSARY: &str = include_str!("../../../docs/glossary.md");

@@ -1,7 +1,7 @@
 //! A self-contained HTML page that lists results as cards: thumbnails, filters, bars, and links to the pages of scenes.
 
-pub(crate) mod car;
-pub(crate) mod road;
+pub mod car;
+pub mod road;
 
 use anyhow::Result;
 use serde::Serialize;
@@ -21,15 +21,17 @@ const SCRIPTS: [&str; 5] = [
 
 /// A scene on the page.
 #[derive(Serialize)]
-pub(crate) struct ListedScene<'a> {
-    pub(crate) name: &'a str,
-    pub(crate) road: Vec<RoadLine>,
+pub struct ListedScene<'a> {
+    /// Name of the scene.
+    pub name: &'a str,
+    /// Lines of its map around what the thumbnails show.
+    pub road: Vec<RoadLine>,
 }
 
 /// The page. `fields` is the script that says what its items hold; the data has `title`, `subtitle`, `scenes` and `items`.
 ///
 /// *Errors*: data that JSON cannot hold.
-pub(crate) fn page(title: &str, fields: &str, data: &impl Serialize) -> Result<String> {
+pub fn page(title: &str, fields: &str, data: &impl Serialize) -> Result<String> {
     let [shared @ .., list] = SCRIPTS;
     let script = [&shared[..], &[fields, list]].concat().join("\n");
     html_page::assembled(PAGE, [STYLE, &script, title, &html_page::embedded(data)?])

@@ -4,8 +4,9 @@
 //! milliradians, centimetres per second, each as the difference to the number before. It needs no network.
 
 mod encoding;
-pub(crate) mod map;
+pub mod map;
 
+use advsage::selection_outcome::{CandidateKind, Mark};
 use anyhow::Result;
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point},
@@ -21,10 +22,7 @@ use sage_sim::{
 };
 use serde::Serialize;
 
-use crate::{
-    html_page,
-    selection_outcome::{CandidateKind, Mark},
-};
+use crate::html_page;
 use encoding::{EncodedBody, FrameState};
 use map::EncodedFeature;
 
@@ -44,56 +42,58 @@ const SCRIPT: &str = concat!(
 );
 
 /// One drive of the page.
-pub(crate) struct Panel<'a> {
+pub struct Panel<'a> {
     /// Driver and attack.
-    pub(crate) name: String,
+    pub name: String,
     /// Names it in a link to the page; may be empty.
-    pub(crate) id: String,
+    pub id: String,
     /// Its place in a sweep.
-    pub(crate) sweep: Option<Sweep>,
+    pub sweep: Option<Sweep>,
     /// Motion of the ego at each frame, up to its first contact.
-    pub(crate) motions: &'a [Motion],
+    pub motions: &'a [Motion],
     /// Last frame of the drive.
-    pub(crate) end: usize,
+    pub end: usize,
     /// What its driver showed.
-    pub(crate) shown: &'a [Shown],
+    pub shown: &'a [Shown],
     /// The contact that ends it.
-    pub(crate) contact: Option<Meeting>,
+    pub contact: Option<Meeting>,
     /// What the adversary does, if there is one.
-    pub(crate) adversary: Option<&'a Track>,
+    pub adversary: Option<&'a Track>,
     /// The same driver without the attack, up to its first contact.
-    pub(crate) unattacked: Option<&'a [Motion]>,
+    pub unattacked: Option<&'a [Motion]>,
     /// The last evasive manoeuvre of that drive, from its start to frame 90: box centres and headings.
-    pub(crate) evasion: Option<&'a [[f64; 3]]>,
+    pub evasion: Option<&'a [[f64; 3]]>,
     /// Whether the attack works; `None` without an attack.
-    pub(crate) verdict: Option<bool>,
+    pub verdict: Option<bool>,
     /// Whether its planner failed, so that the drive has no result.
-    pub(crate) is_failed: bool,
+    pub is_failed: bool,
     /// Candidates that were not selected, by their number among the paths of the page.
-    pub(crate) others: Vec<usize>,
+    pub others: Vec<usize>,
     /// Where hits that were not selected break a rule.
-    pub(crate) marks: Vec<Mark>,
+    pub marks: Vec<Mark>,
     /// What the verdict is called at the end; "attack" if `None`.
-    pub(crate) badge: Option<&'static str>,
+    pub badge: Option<&'static str>,
     /// Says what is attacked, before the end.
-    pub(crate) note: String,
+    pub note: String,
     /// Says how it ended.
-    pub(crate) ending: String,
+    pub ending: String,
 }
 
 /// A candidate of the adversary.
-pub(crate) struct Path {
-    pub(crate) kind: CandidateKind,
+pub struct Path {
+    /// What it does.
+    pub kind: CandidateKind,
     /// Positions from *now* on.
-    pub(crate) points: Vec<Point>,
+    pub points: Vec<Point>,
 }
 
 /// Where two boxes meet.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Meeting {
-    pub(crate) frame: usize,
+pub struct Meeting {
+    /// Frame of the contact.
+    pub frame: usize,
     /// Boxes of the ego and of the other.
-    pub(crate) areas: [OrientedBox; 2],
+    pub areas: [OrientedBox; 2],
 }
 
 impl From<&EpisodeContact> for Meeting {
@@ -103,19 +103,20 @@ impl From<&EpisodeContact> for Meeting {
 }
 
 /// The part of a drive that a page shows: up to its first contact.
-pub(crate) fn shown_part(drive: &Drive) -> &[Motion] {
+pub fn shown_part(drive: &Drive) -> &[Motion] {
     let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
     &drive.motions[..drive.motions.len().min(end + 1)]
 }
 
 /// Drives that differ in one value share a box of the page, and a slider chooses which of them it shows.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct Sweep {
+pub struct Sweep {
     /// Number of the box.
-    pub(crate) group: usize,
+    pub group: usize,
     /// What differs: `lambda` or `aggression`.
-    pub(crate) axis: &'static str,
-    pub(crate) value: f64,
+    pub axis: &'static str,
+    /// Value of the swept quantity.
+    pub value: f64,
 }
 
 #[derive(Serialize)]
@@ -194,7 +195,7 @@ struct EncodedContact {
 /// The page. `columns` is the number of drives in a row, if there is room; `back` is a link to the page that lists all.
 ///
 /// *Errors*: a template without the places for title and data.
-pub(crate) fn page(
+pub fn page(
     scene: &Scene,
     [title, subtitle]: [&str; 2],
     panels: &[Panel],
@@ -202,7 +203,7 @@ pub(crate) fn page(
     columns: usize,
     back: Option<&str>,
 ) -> Result<String> {
-    let [title, subtitle] = [title, subtitle].map(crate::terminal::escaped_name);
+    let [title, subtitle] = [title, subtitle].map(sage_core::text::escaped_name);
     let (title, subtitle) = (&*title, &*subtitle);
     // World coordinates reach 100 km, so the page counts from the ego's start.
     let origin = scene.ego().point(0);

@@ -14,13 +14,13 @@ const ERROR: f64 = 0.3;
 
 /// A line of the map, or an area: its kind, and its points in decimetres as differences.
 #[derive(Serialize)]
-pub(crate) struct RoadLine {
+pub struct RoadLine {
     kind: &'static str,
     points: Vec<i64>,
 }
 
 /// The lines of a map in an area.
-pub(crate) fn lines(map: &Map, area: &Aabb) -> Vec<RoadLine> {
+pub fn lines(map: &Map, area: &Aabb) -> Vec<RoadLine> {
     let mut all = Vec::new();
     for feature in &map.features {
         let kind = match &feature.kind {

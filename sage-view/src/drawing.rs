@@ -10,7 +10,7 @@ mod svg;
 mod tried;
 mod viewport;
 
-pub(crate) use candidate::drawn_path;
-pub(crate) use map_layer::lane_width;
+pub use candidate::drawn_path;
+pub use map_layer::lane_width;
 pub use scene::{DrawnPath, Picture, draw};
 pub use tried::{Outcome, Tried};

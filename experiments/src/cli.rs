@@ -25,6 +25,7 @@ use clap::{
 };
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
+use sage_run::scenes::Filter;
 
 use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
 
@@ -395,6 +396,19 @@ pub(crate) struct SplitArgs {
     pub scenes: Vec<String>,
     #[command(flatten)]
     pub reading: ReadingArgs,
+}
+
+impl SplitArgs {
+    /// The scenes that are chosen.
+    pub(crate) fn filter(&self) -> Filter {
+        Filter {
+            splits: self.splits.clone(),
+            split: self.split.clone(),
+            without_split: self.without_split.clone(),
+            scenes: self.scenes.clone(),
+            reading: self.reading.options(),
+        }
+    }
 }
 
 /// Parses a finite number.

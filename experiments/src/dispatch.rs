@@ -1,13 +1,12 @@
 //! Dispatches parsed arguments to the command.
 
 use anyhow::Result;
+use sage_run::{Outcome, output::Part};
 
 use crate::{
-    Outcome, Registries,
+    Registries,
     cli::{AnalyseCommand, BenchCommand, Cli, Command, TrainAdversaryCommand},
-    commands,
-    output::Part,
-    threads,
+    commands, threads,
 };
 
 impl Cli {

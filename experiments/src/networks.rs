@@ -7,8 +7,7 @@ use sage_backbones::Backbone;
 use sage_core::registry::Registry;
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
-
-use crate::progress;
+use sage_run::progress;
 
 /// Loads a prior by name.
 ///

@@ -14,9 +14,10 @@ use advsage::{
 use anyhow::{Context as _, Result};
 use sage_core::objective::FurtherMeasures;
 use sage_generators::Facts;
+use sage_run::{output, progress};
 use serde_json::{Map, Value, json};
 
-use crate::{cli::AttackArgs, networks, output, progress};
+use crate::{cli::AttackArgs, networks};
 
 /// The generator of a run, at all its operating points.
 pub(crate) struct RunGenerator<'a> {

@@ -19,6 +19,5 @@ pub mod rows;
 pub mod runner;
 pub mod study;
 pub mod table;
-pub mod wrap;
 
 pub use registries::{MetricRegistries, Registries};

@@ -12,15 +12,14 @@ use sage_bench::{
     table::{Table, csv},
 };
 use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, REALISTIC};
-
-use self::components::Components;
-use crate::{
+use sage_run::{
     Outcome,
-    cli::ConnectivityArgs,
-    networks,
     output::{self, Folder},
     progress,
 };
+
+use self::components::Components;
+use crate::{cli::ConnectivityArgs, networks};
 
 /// The page as Markdown.
 const PAGE: &str = "connectivity.md";

@@ -8,12 +8,11 @@ use advsage::{
     part::{PolicyPart, PolicyParts},
 };
 use anyhow::Result;
+use sage_run::{Outcome, terminal};
 
 use crate::{
-    Outcome,
     bench::speed::{self, Data, Timing},
     cli::SpeedArgs,
-    terminal,
 };
 
 /// The scene in the binary, for a measurement without data.

@@ -10,16 +10,15 @@ use anyhow::{Context as _, Result, ensure};
 use sage_bench::curve::Linearity;
 use sage_core::objective::PartSpec;
 use sage_generators::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
-
-use self::attack_grid::AttackGrid;
-use crate::{
+use sage_run::{
     Outcome,
-    cli::CalibrateArgs,
-    networks,
     output::{self, OutputFile},
     progress::{self, Progress},
     scenes::Scenes,
 };
+
+use self::attack_grid::AttackGrid;
+use crate::{cli::CalibrateArgs, networks};
 
 /// Number of aggressions at which a dial is evaluated.
 const AGGRESSIONS: usize = 11;
@@ -38,7 +37,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     ensure!(names.len() == selections.len(), "a selection is named twice");
     let generators = Generators::new(registries, &args.merging.merger, &selections[0], args.seed)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let scenes = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
+    let scenes = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?.attackable()?;
     let mut dials = Dials::default();
     let mut progress = Progress::new("evaluated", scenes.len());
     let all = aggressions();

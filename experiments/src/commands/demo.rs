@@ -3,14 +3,14 @@
 use advsage::Registries;
 use anyhow::{Result, bail};
 use clap::Parser;
-
-use super::{generate, scenes};
-use crate::{
+use sage_run::{
     Outcome,
-    cli::{Cli, Command, DemoArgs},
     output::{Folder, Part},
     progress,
 };
+
+use super::{generate, scenes};
+use crate::cli::{Cli, Command, DemoArgs};
 
 /// Six scenes of each kind.
 const SCENES: &str = "42";

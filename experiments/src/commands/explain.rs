@@ -17,15 +17,16 @@ use sage_core::{
     scene::{Scene, SceneIndex},
 };
 use sage_data::{Recording, checks};
+use sage_run::{
+    Outcome,
+    output::{self, OutputFile},
+    progress, terminal,
+};
 
 use super::search::SceneRow;
 use crate::{
-    Outcome,
     cli::{ExplainArgs, Values},
-    output::{self, OutputFile},
-    progress,
     run_generator::RunGenerator,
-    terminal,
 };
 use attack_row::AttackRow;
 use explanation::Explanation;

@@ -4,13 +4,16 @@ use std::{io, path::Path};
 
 use anyhow::{Context as _, Result, bail};
 use clap::Parser as _;
+use sage_run::{
+    Outcome,
+    output::{self, Part, RECORD},
+    progress,
+};
 
 use super::{bench_study, convert, generate, search, simulate};
 use crate::{
-    Outcome, Registries,
+    Registries,
     cli::{Cli, Command, JoinArgs},
-    output::{self, Part, RECORD},
-    progress,
 };
 
 /// Runs the command that the folder records, as the join of its shards.

@@ -3,16 +3,17 @@
 use std::io::Write;
 
 use anyhow::Result;
-use sage_bench::wrap::wrapped;
+use sage_core::text::wrap::wrapped;
 use sage_core::{
     objective::{ObjectiveSpec, PRESETS},
     registry::Registry,
 };
 use sage_generators::GeneratorKind;
+use sage_run::Outcome;
 use sage_sim::policy::EgoPolicy;
 use serde_json::{Value, json};
 
-use crate::{Outcome, Registries};
+use crate::Registries;
 
 pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     let mut out = std::io::stdout().lock();

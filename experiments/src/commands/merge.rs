@@ -11,16 +11,15 @@ use sage_backbones::{Parameters, parameters::Header, training::Tunes, weights::P
 use sage_bench::table::Table;
 use sage_core::generator::Mixture;
 use sage_merging::{ExpertFile, ExpertSet, Range, merged_weights};
-use serde_json::json;
-
-use crate::{
+use sage_run::{
     Outcome,
-    cli::MergeArgs,
-    networks,
     output::{self, Folder, Inputs},
     progress, scenes,
     terminal::{escaped_markdown, escaped_markdown_code},
 };
+use serde_json::json;
+
+use crate::{cli::MergeArgs, networks};
 
 use greedy_soup::{Search, Step};
 use recipe::Recipe;

@@ -16,15 +16,13 @@ use sage_core::{
     seed::Rng,
 };
 use sage_data::{Recording, checks};
+use sage_run::{Outcome, input, output::OutputFile, progress, terminal};
 use sage_view::drawing::{self, DrawnPath, Picture};
 use serde::Serialize;
 
 use crate::{
-    Outcome,
     cli::{PredictArgs, SelectArg},
-    input, networks,
-    output::OutputFile,
-    progress, terminal,
+    networks,
 };
 
 #[derive(Serialize)]

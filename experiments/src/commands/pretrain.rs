@@ -12,16 +12,15 @@ use sage_backbones::{
     training::{EpochRow, Observer, PretrainOptions, pretrain},
     weights::PRIOR_FILE,
 };
-use serde_json::json;
-
-use crate::{
-    Outcome,
-    cli::PretrainArgs,
-    input, networks,
+use sage_run::{
+    Outcome, input,
     output::{self, Folder, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
 };
+use serde_json::json;
+
+use crate::{cli::PretrainArgs, networks};
 
 /// File of the training state.
 const STATE: &str = "last.safetensors";

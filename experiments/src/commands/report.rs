@@ -9,6 +9,12 @@ use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{files, geometry::Aabb};
 use sage_data::Recording;
+use sage_run::{
+    Outcome,
+    outcome::{caught, without_defects},
+    output::Folder,
+    progress,
+};
 use sage_view::{
     html_page,
     listing::{
@@ -22,13 +28,7 @@ use super::search::{
     SceneRow,
     found::{FailureFile, FailureScene, Found, without_folders},
 };
-use crate::{
-    Outcome,
-    cli::{FailureReportArgs, Keep},
-    outcome::{caught, without_defects},
-    output::Folder,
-    progress,
-};
+use crate::cli::{FailureReportArgs, Keep};
 use entry::Entry;
 
 /// The page that lists all failures.

@@ -9,13 +9,13 @@ use sage_core::{
     objective::{Context, ContextOptions, FurtherMeasures, Scorer, Scores, Sizes},
     scene::SceneIndex,
 };
+use sage_run::{Outcome, terminal};
 use sage_sim::avoidable::{Avoidable, Avoidance};
 use serde::Serialize;
 
 use crate::{
-    Outcome, candidates,
+    candidates,
     cli::{ScoreArgs, SizesArg},
-    terminal,
 };
 
 #[derive(Serialize)]

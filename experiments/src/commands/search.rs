@@ -11,14 +11,14 @@ use std::path::Path;
 
 use advsage::Registries;
 use anyhow::{Result, bail};
-
-use crate::{
+use sage_run::{
     Outcome,
-    cli::{Keep, SearchArgs},
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part},
     progress,
     scene_queue::{self, Input, Report, Scenes, Worked, is_row_of},
 };
+
+use crate::cli::{Keep, SearchArgs};
 
 pub(super) use row::{SceneRow, failure_name, row_file, unchanged_file};
 use scene::{picture_file, search_scene};

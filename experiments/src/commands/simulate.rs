@@ -16,16 +16,15 @@ use advsage::{
     part::{PolicyPart, PolicyParts},
 };
 use anyhow::{Result, bail};
-use serde_json::{Value, json};
-
-use crate::{
+use sage_run::{
     Outcome,
-    cli::SimulateArgs,
     output::{self, Counts, DatasetRun, Ended, LONGEST_FILE_NAME, MANIFEST, Part, RECORD},
     progress,
-    run_generator::RunGenerator,
     scene_queue::{self, Input, Report, Scenes, Worked},
 };
+use serde_json::{Value, json};
+
+use crate::{cli::SimulateArgs, run_generator::RunGenerator};
 
 use attack_file::AttackFile;
 use scene::{page_file, simulate_scene};
@@ -203,7 +202,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
         }
     }
     if let Some(table) = summary::table(&simulation, &folder, &scenes.reported_by(part), &hash) {
-        output::print_table(&table, args.json)?;
+        crate::printing::print_table(&table, args.json)?;
     }
     let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
     if worked.has_results() && out.join(&page).is_file() {

@@ -9,6 +9,12 @@ use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use rayon::prelude::*;
 use sage_core::{files, objective::Feasibility, scene::SceneIndex};
 use sage_data::{MAX_SCENE_FILE, Recording};
+use sage_run::{
+    Outcome,
+    outcome::caught,
+    output::{OutputFile, RECORD},
+    progress, terminal,
+};
 use sage_sim::{
     SimScene,
     search::{
@@ -18,14 +24,7 @@ use sage_sim::{
 };
 
 use super::suite::FILE;
-use crate::{
-    Outcome,
-    cli::TestArgs,
-    junit,
-    outcome::caught,
-    output::{OutputFile, RECORD},
-    progress, terminal,
-};
+use crate::{cli::TestArgs, junit};
 
 use row::{EarlierRow, ResultRow, TestResult};
 

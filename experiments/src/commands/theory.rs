@@ -10,18 +10,18 @@ use std::{
 
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
-use sage_bench::wrap::wrapped;
-use serde_json::json;
-use theory_checks::{Check, Report, Setup, Verdict, caught};
-
-use self::{diagnostics::Diagnostic, page::Page};
-use crate::{
-    Outcome, Registries,
-    cli::TheoryArgs,
+use sage_core::text::wrap::wrapped;
+use sage_run::{
+    Outcome,
     output::{self, Folder},
     progress::{self, Progress},
     scenes,
 };
+use serde_json::json;
+use theory_checks::{Check, Report, Setup, Verdict, caught};
+
+use self::{diagnostics::Diagnostic, page::Page};
+use crate::{Registries, cli::TheoryArgs};
 
 /// Share of the instances with which injected faults run for a page.
 const INJECTED_SHARE: usize = 10;

@@ -23,6 +23,12 @@ use advsage::{
 };
 use anyhow::{Context as _, Result, bail};
 use sage_core::scene::{SceneData, SceneIndex};
+use sage_run::{
+    Outcome,
+    output::{self, Run, RunState},
+    progress,
+    scenes::{self, Scenes, with_other_egos},
+};
 use sage_sim::{
     SimScene,
     policy::EgoPolicy,
@@ -32,12 +38,9 @@ use serde_json::{Value, json};
 
 use self::{chosen::Chosen, columns::Columns, trained::Trained};
 use crate::{
-    Outcome, Registries,
+    Registries,
     cli::{EgosName, SplitArgs, TrainEgoArgs},
     networks,
-    output::{self, Run, RunState},
-    progress,
-    scenes::{self, Scenes, with_other_egos},
 };
 
 /// Name for no generator.
@@ -213,7 +216,7 @@ fn scenes(
     seed: u64,
     needs_adversary: bool,
 ) -> Result<(Vec<SceneData>, usize)> {
-    let all = Scenes::of(paths, split, procedural, seed)?;
+    let all = Scenes::of(paths, &split.filter(), procedural, seed)?;
     let all = if needs_adversary { all.attackable()? } else { all.known()? };
     let mut loaded = all.read_all()?;
     loaded.retain(|data| match SimScene::new(data.scene.clone(), data.index.clone()) {

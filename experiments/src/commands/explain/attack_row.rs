@@ -16,9 +16,8 @@ use sage_core::{
     scene::Scene,
 };
 use sage_data::{ReadOptions, Recording};
+use sage_run::scene_queue::ROW_LIMIT;
 use serde::Deserialize;
-
-use crate::scene_queue::ROW_LIMIT;
 
 /// What is read of the file.
 #[derive(Deserialize)]

@@ -1,10 +1,11 @@
 //! An explanation as text.
 
 use advsage::selection_outcome::SelectionOutcome;
-use sage_bench::{table::Table, wrap::wrapped};
+use sage_bench::table::Table;
+use sage_core::text::wrap::wrapped;
+use sage_run::terminal;
 
 use super::explanation::{Explanation, ValuedCandidate};
-use crate::terminal;
 
 /// An explanation in words, with the values of the best candidates.
 pub(super) fn text(one: &Explanation) -> String {

@@ -9,11 +9,11 @@ use sage_core::{
     motion::Trajectory,
     objective::{Reason, Scores},
 };
+use sage_run::{scene_queue::ROW_LIMIT, terminal};
 use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Deserialize;
 
 use super::row::VariantRow;
-use crate::{scene_queue::ROW_LIMIT, terminal};
 
 /// A row holds all but its candidates within this many bytes.
 const HEAD: u64 = 1 << 16;

@@ -7,12 +7,12 @@ use advsage::{
 };
 use anyhow::{Result, bail};
 use sage_data::openscenario::Options;
+use sage_run::progress;
 use serde_json::{Map, Value, json};
 
 use crate::{
     attacked_files::Formats,
     cli::{DatasetFormat, GenerateArgs},
-    progress,
     run_generator::RunGenerator,
 };
 

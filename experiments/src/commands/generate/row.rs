@@ -7,11 +7,10 @@ use sage_core::{
     motion::Trajectory,
     objective::{Scores, Violation},
 };
+use sage_run::terminal;
 use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Serialize;
 use serde_json::{Map, Value, value::RawValue};
-
-use crate::terminal;
 
 /// One attack, as its file records it.
 #[derive(Serialize)]

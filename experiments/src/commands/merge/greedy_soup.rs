@@ -13,8 +13,7 @@ use sage_core::{
     scene::SceneData,
 };
 use sage_merging::ExpertSet;
-
-use crate::{
+use sage_run::{
     progress::{self, Progress},
     scenes::Scenes,
 };

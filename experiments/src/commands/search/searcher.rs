@@ -13,13 +13,14 @@ use advsage::{
 };
 use anyhow::{Result, bail, ensure};
 use sage_data::openscenario::Options;
+use sage_run::{output, progress};
 use sage_sim::search::SearchOptions;
 use serde_json::{Map, Value, json};
 
 use crate::{
     attacked_files::Formats,
     cli::{SearchArgs, SearchFormat},
-    networks, output, progress,
+    networks,
     run_generator::spec,
 };
 

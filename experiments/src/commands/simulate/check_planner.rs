@@ -6,16 +6,16 @@ use advsage::{Registries, ego::Ego, part::PolicyPart};
 use anyhow::{Result, ensure};
 use sage_core::scene::SceneIndex;
 use sage_data::Recording;
+use sage_run::{
+    progress::{self, count},
+    scene_queue::Input,
+};
 use sage_sim::{
     SimScene,
     drive::{Drive, Simulation, drive},
 };
 
-use crate::{
-    cli::SimulateArgs,
-    progress::{self, count},
-    scene_queue::Input,
-};
+use crate::cli::SimulateArgs;
 
 /// Scenes that are driven.
 const SCENES: usize = 10;

@@ -9,6 +9,10 @@ use sage_core::{
     scene::{Scene, SceneIndex, Track},
 };
 use sage_data::{Recording, checks};
+use sage_run::{
+    output::DatasetRun,
+    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
+};
 use sage_sim::{
     SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, policy::Shown, traffic::Plan,
 };
@@ -20,10 +24,6 @@ use super::{
     Simulation,
     attacks::SceneAttacks,
     row::{AttackRow, DriveRow, RowHead},
-};
-use crate::{
-    output::DatasetRun,
-    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
 
 /// Most drives of a driver that are shown side by side. More share a box with a slider.

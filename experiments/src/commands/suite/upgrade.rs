@@ -10,6 +10,7 @@ use sage_core::{
     files, generator::Proposal, objective::DrivableFeasibility, registry::Entry as _, scene::SceneIndex,
 };
 use sage_data::{MAX_SCENE_FILE, Recording};
+use sage_run::{Outcome, outcome::caught, output::Folder, progress, terminal};
 use sage_sim::{
     SimScene,
     search::{
@@ -20,12 +21,8 @@ use sage_sim::{
 
 use super::{FILE, remove_old};
 use crate::{
-    Outcome,
     cli::SuiteArgs,
     commands::{search::found::without_folders, test},
-    outcome::caught,
-    output::Folder,
-    progress, terminal,
 };
 
 /// What becomes of a test: kept as the driver fails at it now, or why not.

@@ -23,6 +23,13 @@ use sage_backbones::{
     parameters::Header,
 };
 use sage_core::{objective::Context, scene::SceneData};
+use sage_run::{
+    Outcome,
+    outcome::caught,
+    output::{self, Run, RunState},
+    progress::{self, count},
+    scenes::{self, Scenes},
+};
 use sage_sim::{SimScene, attack_test::AttackTest};
 use serde_json::json;
 
@@ -31,14 +38,7 @@ use self::{
     training::{Seat, Training},
 };
 use super::training_scenes::TrainingScenes;
-use crate::{
-    Outcome,
-    cli::TrainGooseArgs,
-    outcome::caught,
-    output::{self, Run, RunState},
-    progress::{self, count},
-    scenes::{self, Scenes},
-};
+use crate::cli::TrainGooseArgs;
 
 /// File from which an interrupted training resumes.
 const STATE: &str = "training.state";

@@ -31,20 +31,19 @@ use sage_backbones::{
     training::CheckpointFile,
 };
 use sage_core::scene::SceneData;
-use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
-
-use self::{collected::Collected, curves::Curves};
-use super::training_scenes::TrainingScenes;
-use crate::{
+use sage_run::{
     Outcome,
-    cli::TrainSealArgs,
-    networks,
     outcome::caught,
     output::{self, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
 };
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use self::{collected::Collected, curves::Curves};
+use super::training_scenes::TrainingScenes;
+use crate::{cli::TrainSealArgs, networks};
 
 /// The same with the skills of ordinary driving.
 const BENIGN_FILE: &str = "seal-benign.safetensors";

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context as _, Result, anyhow};
+use sage_run::{output::Run, progress};
 use sage_sim::rl::{
     Algorithm, CHECKPOINT, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions,
     TrainingState, write_policy,
@@ -10,7 +11,6 @@ use sage_sim::rl::{
 use serde_json::json;
 
 use super::{Shared, report, trained::Trained};
-use crate::{output::Run, progress};
 
 /// Name of a seed's folder.
 pub(super) fn folder(seed: u64) -> String {

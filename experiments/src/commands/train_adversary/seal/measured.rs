@@ -15,6 +15,7 @@ use sage_core::{
     statistics::{Estimate, median, rank_correlation},
 };
 use sage_generators::{learned_scores, seal_reaction, selector::cat_select};
+use sage_run::{outcome::caught, scenes::Scenes};
 use sage_sim::{
     environment::Environment,
     observation::LENGTH,
@@ -26,7 +27,6 @@ use sage_sim::{
 use serde::Serialize;
 
 use super::collected::RolloutScene;
-use crate::{outcome::caught, scenes::Scenes};
 
 /// What was measured; every estimate is a mean over scenes with its 95 % interval.
 #[derive(Default, Serialize)]

@@ -21,12 +21,12 @@ static JOINED: OnceLock<Vec<String>> = OnceLock::new();
 static PROGRAM: OnceLock<String> = OnceLock::new();
 
 /// Names the file that identifies the program, where the executable of this process does not: a module of an interpreter.
-pub(crate) fn identify_by(file: &Path) {
+pub fn identify_by(file: &Path) {
     let _ = PROGRAM.set(program_of(file));
 }
 
 /// Lets this process write what a run with other arguments would write.
-pub(crate) fn stand_for(arguments: Vec<String>) {
+pub fn stand_for(arguments: Vec<String>) {
     let _ = JOINED.set(arguments);
 }
 
@@ -43,7 +43,7 @@ pub(super) fn full_command() -> String {
 }
 
 /// The command line of the run, without the path of the program and without flags that do not change the result.
-pub(crate) fn command() -> String {
+pub fn command() -> String {
     recorded(arguments().into_iter())
 }
 
@@ -72,7 +72,7 @@ fn recorded_without(flags: &[(&str, bool)], arguments: impl Iterator<Item = Stri
 }
 
 /// A recorded command with further options: at its end, or after its name if `--` ends the others.
-pub(crate) fn command_with(command: &str, options: &str) -> String {
+pub fn command_with(command: &str, options: &str) -> String {
     if !command.contains(" -- ") {
         return format!("{command} {options}");
     }
@@ -82,7 +82,7 @@ pub(crate) fn command_with(command: &str, options: &str) -> String {
 }
 
 /// A word as a shell reads it.
-pub(crate) fn quoted(argument: String) -> String {
+pub fn quoted(argument: String) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+".contains(c);
     if !argument.is_empty() && argument.chars().all(plain) {
         argument
@@ -92,7 +92,7 @@ pub(crate) fn quoted(argument: String) -> String {
 }
 
 /// Identity of this build of the program. Only the same build resumes a run.
-pub(crate) fn program() -> String {
+pub fn program() -> String {
     let own = || program_of(&std::env::current_exe().unwrap_or_default());
     PROGRAM.get().cloned().unwrap_or_else(own)
 }

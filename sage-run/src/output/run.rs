@@ -11,12 +11,12 @@ use super::{Folder, Inputs, command};
 use crate::progress;
 
 /// File with the identity, results and duration of a run.
-pub(crate) const RECORD: &str = "run.json";
+pub const RECORD: &str = "run.json";
 /// Size limit of a record, bytes.
 const RECORD_LIMIT: u64 = 4 << 20;
 
 /// A run and its folder.
-pub(crate) struct Run {
+pub struct Run {
     folder: Folder,
     /// Inputs that distinguish the run from others.
     identity: Value,
@@ -26,7 +26,7 @@ pub(crate) struct Run {
 
 /// State of a run in its folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum RunState {
+pub enum RunState {
     /// The folder holds no part of the run.
     New,
     /// The folder holds a part of the run, which resumes.
@@ -38,7 +38,7 @@ pub(crate) enum RunState {
 /// The record of a folder; `None` if it has none.
 ///
 /// *Errors*: it cannot be read, or is damaged.
-pub(crate) fn record_of(folder: &Path) -> Result<Option<Value>> {
+pub fn record_of(folder: &Path) -> Result<Option<Value>> {
     let path = folder.join(RECORD);
     match files::read_text(&path, RECORD_LIMIT) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
@@ -91,7 +91,7 @@ impl Run {
     ///
     /// *Errors*: the folder has other content and `force` is not given, another run holds it, or a system
     /// error.
-    pub(crate) fn start(
+    pub fn start(
         path: &Path,
         identity: Value,
         force: bool,
@@ -153,14 +153,14 @@ impl Run {
     }
 
     /// Folder of the run.
-    pub(crate) fn folder(&self) -> &Folder {
+    pub fn folder(&self) -> &Folder {
         &self.folder
     }
 
     /// Ends the run: records its results and duration, and removes temporary files.
     ///
     /// *Errors*: a system error.
-    pub(crate) fn finish(&self, results: &Value, seconds: f64) -> Result<()> {
+    pub fn finish(&self, results: &Value, seconds: f64) -> Result<()> {
         self.record(results, Some(seconds))?;
         self.clear()
     }

@@ -20,12 +20,12 @@ const NAMED: [&str; 8] =
 const ENDINGS: [&str; 2] = ["pkl", "safetensors"];
 
 /// Files and folders that a command reads, links resolved.
-pub(crate) struct Inputs(Vec<PathBuf>);
+pub struct Inputs(Vec<PathBuf>);
 
 impl Inputs {
     /// All files and folders that the command line of this process names, other than its outputs: as a value, as the
     /// value of a flag, as the file of a policy (`ppo:FILE`), in a list, as an option in JSON, or as the name of weights.
-    pub(crate) fn of_command_line() -> Self {
+    pub fn of_command_line() -> Self {
         Self::named(without_command(command_line::arguments()).into_iter())
     }
 
@@ -56,7 +56,7 @@ impl Inputs {
     }
 
     /// The same with further files and folders.
-    pub(crate) fn and<P: AsRef<Path>>(mut self, further: impl IntoIterator<Item = P>) -> Self {
+    pub fn and<P: AsRef<Path>>(mut self, further: impl IntoIterator<Item = P>) -> Self {
         self.0.extend(further.into_iter().filter_map(|path| resolved(path.as_ref())));
         self
     }
@@ -64,7 +64,7 @@ impl Inputs {
     /// Refuses an output file that would replace an input: one that is named, or a scene or weights in a named folder.
     ///
     /// *Errors*: it would.
-    pub(crate) fn refuse_file(&self, output: &Path) -> Result<()> {
+    pub fn refuse_file(&self, output: &Path) -> Result<()> {
         let Ok(path) = output.canonicalize() else { return Ok(()) };
         let is_read = |input: &PathBuf| {
             let is_kind =
@@ -80,7 +80,7 @@ impl Inputs {
     /// Refuses an output folder that is an input or holds one.
     ///
     /// *Errors*: it is or does.
-    pub(crate) fn refuse_folder(&self, output: &Path) -> Result<()> {
+    pub fn refuse_folder(&self, output: &Path) -> Result<()> {
         let root = resolved_folder(output)?;
         match self.0.iter().find(|input| input.starts_with(&root)) {
             Some(input) if *input == root => {

@@ -7,7 +7,7 @@ use sage_backbones::training::role_assignments;
 use sage_core::scene::SceneData;
 
 /// Adds to the scenes the same scenes under other role assignments, at most `most` for each. They share map and index.
-pub(crate) fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
+pub fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
     let reassigned = |data: &SceneData| -> Vec<SceneData> {
         let roles = role_assignments(&data.scene, most).into_iter().enumerate();
         let named = roles.map(|(k, scene)| SceneData {

@@ -6,12 +6,25 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, bail};
-use sage_data::folder;
+use sage_data::{ReadOptions, folder};
 
-use crate::cli::SplitArgs;
+/// Which of the given scenes a run takes.
+#[derive(Clone, Debug, Default)]
+pub struct Filter {
+    /// File of splits: an object of split names with lists of scene names.
+    pub splits: Option<PathBuf>,
+    /// Only the scenes of this split.
+    pub split: Option<String>,
+    /// Not the scenes of this split.
+    pub without_split: Option<String>,
+    /// Only the scenes with these names.
+    pub scenes: Vec<String>,
+    /// How they are read.
+    pub reading: ReadOptions,
+}
 
 /// Files that match the splits file and the names of scenes.
-pub(super) fn selected(mut files: Vec<PathBuf>, split: &SplitArgs) -> Result<Vec<PathBuf>> {
+pub(super) fn selected(mut files: Vec<PathBuf>, split: &Filter) -> Result<Vec<PathBuf>> {
     if split.splits.is_none() && split.scenes.is_empty() {
         return Ok(files);
     }

@@ -4,7 +4,7 @@ use sage_data::dataset::Shard;
 
 /// The part of a run that a process does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Part {
+pub enum Part {
     /// All scenes, and the summary.
     Whole,
     /// The scenes of a shard, and their manifest.
@@ -15,12 +15,12 @@ pub(crate) enum Part {
 
 impl Part {
     /// The part that the option --shard names.
-    pub(crate) fn of(shard: Option<Shard>) -> Self {
+    pub fn of(shard: Option<Shard>) -> Self {
         shard.map_or(Self::Whole, Self::Shard)
     }
 
     /// True if a scene belongs to the part.
-    pub(crate) fn holds(self, scene: &str) -> bool {
+    pub fn holds(self, scene: &str) -> bool {
         match self {
             Self::Whole => true,
             Self::Shard(shard) => shard.holds(scene),

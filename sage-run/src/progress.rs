@@ -9,7 +9,7 @@ use std::{
 };
 
 use advsage::ego::Ego;
-use sage_bench::wrap::wrapped;
+use sage_core::text::wrap::wrapped;
 
 use crate::terminal;
 
@@ -21,7 +21,7 @@ const LONGEST_LINE: usize = 2000;
 
 /// Prints a line on stderr. A text may be a stranger's, so a new line in it is escaped, and a very long one is
 /// shortened. A closed stderr is ignored.
-pub(crate) fn say(text: &str) {
+pub fn say(text: &str) {
     let text = terminal::escaped_name(text);
     let count = text.chars().count();
     if count <= LONGEST_LINE {
@@ -37,12 +37,12 @@ pub(crate) fn say(text: &str) {
 }
 
 /// Prints several lines of this program on stderr.
-pub(crate) fn say_lines(text: &str) {
+pub fn say_lines(text: &str) {
     text.lines().for_each(say);
 }
 
 /// As [`say`], but a text that was said before in this process is not repeated.
-pub(crate) fn say_once(text: &str) {
+pub fn say_once(text: &str) {
     static SAID: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     if SAID.lock().unwrap_or_else(PoisonError::into_inner).insert(text.to_owned()) {
         say(text);
@@ -50,19 +50,19 @@ pub(crate) fn say_once(text: &str) {
 }
 
 /// Says what the user should know about the files of policies.
-pub(crate) fn say_notes(egos: &[Ego]) {
+pub fn say_notes(egos: &[Ego]) {
     egos.iter().filter_map(|ego| ego.note.as_ref()).for_each(|note| say_once(&format!("note: {note}")));
 }
 
 /// Shows a line that the next one replaces, on a terminal only.
-pub(crate) fn show(text: &str) {
+pub fn show(text: &str) {
     if std::io::stderr().is_terminal() {
         let _ = write!(std::io::stderr(), "\r{}   ", terminal::escaped(text));
     }
 }
 
 /// A number with its noun: `1 scene`, `2 scenes`.
-pub(crate) fn count(number: usize, noun: &str) -> String {
+pub fn count(number: usize, noun: &str) -> String {
     let ending = match number {
         1 => "",
         _ if noun.ends_with("rch") => "es",
@@ -72,7 +72,7 @@ pub(crate) fn count(number: usize, noun: &str) -> String {
 }
 
 /// Counts finished items.
-pub(crate) struct Progress {
+pub struct Progress {
     verb: &'static str,
     /// Number of items; `None` if it is not known.
     total: Option<usize>,
@@ -86,31 +86,31 @@ pub(crate) struct Progress {
 
 impl Progress {
     /// Progress of `total` items, which may be unknown; `verb` is a participle, such as `converted`.
-    pub(crate) fn new(verb: &'static str, total: impl Into<Option<usize>>) -> Self {
+    pub fn new(verb: &'static str, total: impl Into<Option<usize>>) -> Self {
         let terminal = std::io::stderr().is_terminal();
         Self { verb, total: total.into(), done: 0, found: 0, start: Instant::now(), shown: None, terminal }
     }
 
     /// Counts an item that this run finished.
-    pub(crate) fn step(&mut self) {
+    pub fn step(&mut self) {
         self.done += 1;
         self.show();
     }
 
     /// Counts an item that an earlier run finished.
-    pub(crate) fn step_found(&mut self) {
+    pub fn step_found(&mut self) {
         self.done += 1;
         self.found += 1;
         self.show();
     }
 
     /// Number of finished items.
-    pub(crate) fn done(&self) -> usize {
+    pub fn done(&self) -> usize {
         self.done
     }
 
     /// Number of items that earlier runs finished.
-    pub(crate) fn found(&self) -> usize {
+    pub fn found(&self) -> usize {
         self.found
     }
 
@@ -136,20 +136,20 @@ impl Progress {
     }
 
     /// Prints a permanent line.
-    pub(crate) fn say(&mut self, text: &str) {
+    pub fn say(&mut self, text: &str) {
         self.clear();
         say(text);
     }
 
     /// Prints a summary with the elapsed time.
-    pub(crate) fn finish(mut self, summary: &str) {
+    pub fn finish(mut self, summary: &str) {
         self.clear();
         say(&format!("{summary} ({:.1} s)", self.start.elapsed().as_secs_f64()));
     }
 
     /// Removes the progress line from the terminal, so that other text can be printed. The next step prints
     /// it again.
-    pub(crate) fn clear(&mut self) {
+    pub fn clear(&mut self) {
         if self.shown.take().is_some() {
             let _ = write!(std::io::stderr(), "\r{:60}\r", "");
         }

@@ -24,32 +24,33 @@ use crate::{
     progress, terminal,
 };
 
-pub(crate) use report::{Line, Report, SceneReport};
+pub use report::{Line, Report, SceneReport};
 
 /// Size limit of a row, bytes. A thousand candidates take 4 MB.
-pub(crate) const ROW_LIMIT: u64 = 1 << 30;
+pub const ROW_LIMIT: u64 = 1 << 30;
 
 /// A scene file with the name of its outputs.
-pub(crate) struct Input {
-    pub(crate) file: PathBuf,
+pub struct Input {
+    /// The file.
+    pub file: PathBuf,
     /// Name of the file without its ending, or the id of a record.
-    pub(crate) scene: String,
+    pub scene: String,
 }
 
 /// The scenes of a command that writes a data set, alone or as a shard.
-pub(crate) struct Scenes {
+pub struct Scenes {
     root: PathBuf,
     /// All scene files.
-    pub(crate) files: Vec<PathBuf>,
+    pub files: Vec<PathBuf>,
     /// All scenes, of this shard and of the others.
-    pub(crate) all: Vec<Input>,
+    pub all: Vec<Input>,
 }
 
 impl Scenes {
     /// Finds the scenes of a file or folder.
     ///
     /// *Errors*: there are none, or they cannot be listed.
-    pub(crate) fn find(root: &Path, options: &ReadOptions) -> Result<Self> {
+    pub fn find(root: &Path, options: &ReadOptions) -> Result<Self> {
         let files = folder::scene_files(root)?;
         input::check_single(&files)?;
         let all = inputs(root, &files, options)?;
@@ -57,30 +58,30 @@ impl Scenes {
     }
 
     /// The scenes with some of the names.
-    pub(crate) fn only(mut self, is_wanted: impl Fn(&str) -> bool) -> Self {
+    pub fn only(mut self, is_wanted: impl Fn(&str) -> bool) -> Self {
         self.all.retain(|input| is_wanted(&input.scene));
         self
     }
 
     /// The scenes that a part of the run works on.
-    pub(crate) fn of_part(&self, part: Part) -> Vec<&Input> {
+    pub fn of_part(&self, part: Part) -> Vec<&Input> {
         self.all.iter().filter(|input| part.holds(&input.scene)).collect()
     }
 
     /// The scenes that a part of the run reports on: its own, or all.
-    pub(crate) fn reported_by(&self, part: Part) -> Vec<&Input> {
+    pub fn reported_by(&self, part: Part) -> Vec<&Input> {
         if part == Part::Join { self.all.iter().collect() } else { self.of_part(part) }
     }
 
     /// Names of all scenes.
-    pub(crate) fn names(&self) -> Vec<&str> {
+    pub fn names(&self) -> Vec<&str> {
         self.all.iter().map(|input| &*input.scene).collect()
     }
 
     /// Refuses an output folder that holds inputs, even if no output has the name of one; `further` are other inputs.
     ///
     /// *Errors*: it does.
-    pub(crate) fn protect(&self, out: &Path, further: Vec<PathBuf>) -> Result<()> {
+    pub fn protect(&self, out: &Path, further: Vec<PathBuf>) -> Result<()> {
         let both = self.files.iter().flat_map(|file| [Some(file.clone()), file.canonicalize().ok()]);
         let names: Vec<PathBuf> =
             both.flatten().filter_map(|file| file.file_name().map(PathBuf::from)).collect();
@@ -92,11 +93,11 @@ impl Scenes {
 }
 
 /// What helps after the cause of a failure is removed.
-pub(crate) const AGAIN: &str = "run the same command again";
+pub const AGAIN: &str = "run the same command again";
 
 /// How a command ends after its scenes; `done` is what it does to a scene, a participle, and `again` what to do when the
 /// cause of a failure is removed.
-pub(crate) fn outcome(records: &[SceneRecord], part: Part, out: &Path, done: &str, again: &str) -> Outcome {
+pub fn outcome(records: &[SceneRecord], part: Part, out: &Path, done: &str, again: &str) -> Outcome {
     let counts = Counts::of(records);
     let (all, failed) = (counts.scenes, counts.failed());
     let is_shard = matches!(part, Part::Shard(_));
@@ -122,7 +123,7 @@ pub(crate) fn outcome(records: &[SceneRecord], part: Part, out: &Path, done: &st
 }
 
 /// What a whole run did, for its record.
-pub(crate) fn results(records: &[SceneRecord]) -> Value {
+pub fn results(records: &[SceneRecord]) -> Value {
     let counts = Counts::of(records);
     let mut results = json!({"scenes": counts.scenes, "done": counts.done});
     for (name, count) in [("left_out", counts.left_out), ("failed", counts.failed())] {
@@ -134,11 +135,12 @@ pub(crate) fn results(records: &[SceneRecord]) -> Value {
 }
 
 /// Extent of a failure.
-pub(crate) enum Failure {
+pub enum Failure {
     /// Ends the scene; the others continue.
     Scene(anyhow::Error),
     /// Ends the scene, which counts as left out and not as failed: what is asked cannot be measured in it.
     LeftOut {
+        /// Why.
         reason: String,
         /// What is printed for it.
         lines: Vec<Line>,
@@ -176,11 +178,11 @@ fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Result<Vec<I
 const MOST_TOLD: usize = 20;
 
 /// What became of the scenes of a part.
-pub(crate) struct Worked {
+pub struct Worked {
     /// In the order of the scenes.
-    pub(crate) records: Vec<SceneRecord>,
+    pub records: Vec<SceneRecord>,
     /// The shards that are joined.
-    pub(crate) shards: Vec<ShardState>,
+    pub shards: Vec<ShardState>,
     /// Seconds per line of each scene that this process worked on.
     seconds: Vec<f64>,
 }
@@ -190,7 +192,7 @@ impl Worked {
     /// number of scenes.
     ///
     /// *Errors*: the first failure that ends the run; as [`DatasetRun::joined`].
-    pub(crate) fn on(
+    pub fn on(
         scenes: &Scenes,
         part: Part,
         run: &DatasetRun,
@@ -212,12 +214,12 @@ impl Worked {
     }
 
     /// True if there is any result.
-    pub(crate) fn has_results(&self) -> bool {
+    pub fn has_results(&self) -> bool {
         self.records.iter().any(|record| !record.files.is_empty())
     }
 
     /// Median of the seconds per line; `None` if nothing was worked on.
-    pub(crate) fn median_seconds(&self) -> Option<f64> {
+    pub fn median_seconds(&self) -> Option<f64> {
         statistics::median(&self.seconds)
     }
 }
@@ -320,7 +322,7 @@ fn recorded(folder: &Path, input: &Input, scene: &SceneReport) -> Result<SceneRe
 }
 
 /// True if a file is a row of the run with a hash. A row is a JSON object whose first field is `run_hash`.
-pub(crate) fn is_row_of(path: &Path, run_hash: &str) -> bool {
+pub fn is_row_of(path: &Path, run_hash: &str) -> bool {
     let start = format!("{{\"run_hash\":\"{run_hash}\"");
     files::read_start(path, start.len() as u64).is_ok_and(|bytes| bytes == start.as_bytes())
 }

@@ -24,16 +24,16 @@ use sage_data::{ReadOptions, checks, folder, womd};
 
 use crate::{
     Outcome,
-    cli::SplitArgs,
     outcome::{EndsWith, caught},
     output,
     progress::{self, Progress, count},
 };
 
-pub(crate) use egos::with_other_egos;
+pub use egos::with_other_egos;
 use entry::{Entry, Origin, read};
-pub(crate) use failed::{Failed, outcome_without};
-pub(crate) use roles::with_other_roles;
+pub use failed::{Failed, outcome_without};
+pub use roles::with_other_roles;
+pub use split::Filter;
 
 /// Scenes processed in parallel before their results are returned in order.
 const WINDOW: usize = 64;
@@ -45,7 +45,7 @@ const UNREADABLE: &str = "unreadable";
 
 /// A list of scenes.
 #[derive(Default)]
-pub(crate) struct Scenes {
+pub struct Scenes {
     entries: Vec<Entry>,
     /// How files are read.
     options: ReadOptions,
@@ -69,7 +69,7 @@ impl Scenes {
     /// procedural scenes of a seed, the kinds in turn.
     ///
     /// *Errors*: a folder cannot be listed; there is no such split or no such scene.
-    pub(crate) fn of(paths: &[PathBuf], split: &SplitArgs, procedural: u64, seed: u64) -> Result<Self> {
+    pub fn of(paths: &[PathBuf], split: &Filter, procedural: u64, seed: u64) -> Result<Self> {
         if paths.is_empty() {
             if split.splits.is_some() || !split.scenes.is_empty() {
                 bail!("--splits and --scenes select among recorded scenes; give their folder as PATH");
@@ -80,19 +80,19 @@ impl Scenes {
         for path in paths {
             files.extend(folder::scene_files(path)?);
         }
-        Self::of_files(split::selected(files, split)?, split.reading.options())
+        Self::of_files(split::selected(files, split)?, split.reading.clone())
     }
 
     /// All scenes under the given paths.
     ///
     /// *Errors*: a folder cannot be listed.
-    pub(crate) fn under(paths: &[PathBuf]) -> Result<Self> {
+    pub fn under(paths: &[PathBuf]) -> Result<Self> {
         let files = paths.iter().map(|path| folder::scene_files(path)).collect::<Result<Vec<_>, _>>()?;
         Self::of_files(files.concat(), ReadOptions::default())
     }
 
     /// Procedural scenes, the kinds in turn. A number for which no scene can be generated is skipped later.
-    pub(crate) fn procedural(count: u64, seed: u64) -> Self {
+    pub fn procedural(count: u64, seed: u64) -> Self {
         let entry = |number| Entry {
             origin: Origin::Procedural(number, seed),
             content: None,
@@ -120,44 +120,44 @@ impl Scenes {
     }
 
     /// Names of the scenes, as in results.
-    pub(crate) fn names(&self) -> Vec<String> {
+    pub fn names(&self) -> Vec<String> {
         self.entries.iter().map(Entry::name).collect()
     }
 
     /// Number of a scene in the whole list.
-    pub(crate) fn number_in_list(&self, number: usize) -> usize {
+    pub fn number_in_list(&self, number: usize) -> usize {
         self.entries[number].number
     }
 
     /// The scenes of the whole list whose numbers are `wanted`.
-    pub(crate) fn only(mut self, wanted: impl Fn(usize) -> bool) -> Self {
+    pub fn only(mut self, wanted: impl Fn(usize) -> bool) -> Self {
         self.entries.retain(|entry| wanted(entry.number));
         self
     }
 
     /// Why scenes were not kept, by their number in the whole list.
-    pub(crate) fn not_kept(&self) -> &BTreeMap<usize, String> {
+    pub fn not_kept(&self) -> &BTreeMap<usize, String> {
         &self.not_kept
     }
 
     /// Why a scene could not be read or worked on; `None` if it could.
-    pub(crate) fn failure(&self, name: &str) -> Option<Failed> {
+    pub fn failure(&self, name: &str) -> Option<Failed> {
         self.failures().get(name).cloned()
     }
 
     /// Hash of a scene's content. Only valid after [`Scenes::attackable`] or [`Scenes::known`].
-    pub(crate) fn content(&self, number: usize) -> String {
+    pub fn content(&self, number: usize) -> String {
         let hex = |byte: &u8| format!("{byte:02x}");
         self.entries[number].content.unwrap_or_default().iter().map(hex).collect()
     }
 
     /// Number of scenes.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.entries.len()
     }
 
     /// The scenes in groups of `size`.
-    pub(crate) fn windows(&self, size: usize) -> impl Iterator<Item = Self> {
+    pub fn windows(&self, size: usize) -> impl Iterator<Item = Self> {
         self.entries.chunks(size).map(|entries| Self {
             entries: entries.to_vec(),
             options: self.options.clone(),
@@ -170,12 +170,12 @@ impl Scenes {
     /// Reads a scene; `None` if its number gives no procedural scene.
     ///
     /// *Errors*: it cannot be read, or it changed since it was checked.
-    pub(crate) fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>> {
+    pub fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>> {
         self.entries[number].load(&self.options)
     }
 
     /// Prints why a scene failed, and counts it.
-    pub(crate) fn fail(&self, name: &str, error: &anyhow::Error) {
+    pub fn fail(&self, name: &str, error: &anyhow::Error) {
         progress::say(&format!("error: `{name}`: {error:#}"));
         self.failures().entry(name.to_owned()).or_default().add(error);
     }
@@ -185,12 +185,12 @@ impl Scenes {
     }
 
     /// Number of scenes that failed.
-    pub(crate) fn failed(&self) -> usize {
+    pub fn failed(&self) -> usize {
         self.failures().len()
     }
 
     /// Outcome of a command that did its work on the scenes that did not fail.
-    pub(crate) fn outcome(&self) -> Outcome {
+    pub fn outcome(&self) -> Outcome {
         let may_pass = self.failures().values().any(|failed| failed.may_pass);
         match outcome_without(self.failed()) {
             Outcome::BadScenes if may_pass => Outcome::Retry,
@@ -205,7 +205,7 @@ impl Scenes {
     /// As [`Scenes::map_each`].
     ///
     /// *Errors*: every scene fails, or the disk is full.
-    pub(crate) fn map<T: Send>(
+    pub fn map<T: Send>(
         &self,
         work: impl Fn(&SceneData) -> Result<T> + Sync,
         done: impl FnMut(),
@@ -223,7 +223,7 @@ impl Scenes {
     /// order.
     ///
     /// *Errors*: the disk is full.
-    pub(crate) fn map_each<T: Send>(
+    pub fn map_each<T: Send>(
         &self,
         work: impl Fn(&SceneData) -> Result<T> + Sync,
         mut done: impl FnMut(),
@@ -307,19 +307,19 @@ impl Scenes {
     /// All scenes that can be read, each read once so that its content is known.
     ///
     /// *Errors*: no file is a scene.
-    pub(crate) fn known(self) -> Result<Self> {
+    pub fn known(self) -> Result<Self> {
         self.checked(true, |_| Ok(()))
     }
 
     /// The scenes of a part of a list that can be read, or those of them that can be attacked. They may be none.
     ///
     /// *Errors*: none.
-    pub(crate) fn some(self, needs_adversary: bool) -> Result<Self> {
+    pub fn some(self, needs_adversary: bool) -> Result<Self> {
         if needs_adversary { self.only_attackable(false) } else { self.checked(false, |_| Ok(())) }
     }
 
     /// Numbers of scenes with important warnings as a paragraph of a report; empty without any.
-    pub(crate) fn warnings_as_markdown(&self) -> String {
+    pub fn warnings_as_markdown(&self) -> String {
         if self.warnings.is_empty() {
             return String::new();
         }
@@ -334,7 +334,7 @@ impl Scenes {
     /// have not.
     ///
     /// *Errors*: no file is a scene, or no scene is left.
-    pub(crate) fn attackable(self) -> Result<Self> {
+    pub fn attackable(self) -> Result<Self> {
         let all = self.len();
         let attackable = self.only_attackable(true)?;
         if attackable.len() == 0 {
@@ -367,7 +367,7 @@ impl Scenes {
     /// scene are named, counted and left out.
     ///
     /// *Errors*: no file is a scene; the scenes exceed [`MEMORY_LIMIT`].
-    pub(crate) fn read_all(&self) -> Result<Vec<SceneData>> {
+    pub fn read_all(&self) -> Result<Vec<SceneData>> {
         let mut progress = Progress::new("read", self.len());
         let mut loaded = Vec::with_capacity(self.len());
         let mut size = 0;
@@ -409,7 +409,7 @@ impl Scenes {
 
     /// Number of scenes that did not fail, and a hash of their contents in order. Only valid after
     /// [`Scenes::attackable`] or [`Scenes::known`].
-    pub(crate) fn describe(&self) -> String {
+    pub fn describe(&self) -> String {
         let failed = self.failures();
         let entries = self.entries.iter().filter(|entry| !failed.contains_key(&entry.name()));
         let contents: Vec<_> = entries.map(|entry| entry.content.unwrap_or_default()).collect();
@@ -427,7 +427,7 @@ fn memory_size(data: &SceneData) -> usize {
 }
 
 /// Number of scenes and a hash of their contents in order.
-pub(crate) fn describe(scenes: &[SceneData]) -> String {
+pub fn describe(scenes: &[SceneData]) -> String {
     description(scenes.iter().map(|data| data.scene.content_hash()))
 }
 

@@ -8,10 +8,11 @@ use crate::{
 
 /// Why a scene could not be read or worked on.
 #[derive(Clone, Default)]
-pub(crate) struct Failed {
-    pub(crate) reason: String,
+pub struct Failed {
+    /// Why, in words.
+    pub reason: String,
     /// True if another try may succeed.
-    pub(crate) may_pass: bool,
+    pub may_pass: bool,
 }
 
 impl Failed {
@@ -23,7 +24,7 @@ impl Failed {
 }
 
 /// Outcome of a command in which a number of scenes failed.
-pub(crate) fn outcome_without(failed: usize) -> Outcome {
+pub fn outcome_without(failed: usize) -> Outcome {
     if failed == 0 {
         return Outcome::Done;
     }

@@ -21,7 +21,7 @@ use super::{
 use crate::progress;
 
 /// A run and its folder. The files of a finished scene stay, so the same command resumes the run.
-pub(crate) struct DatasetRun {
+pub struct DatasetRun {
     pub(super) folder: Folder,
     identity: Value,
     /// Hash of the identity, which marks the rows of the run.
@@ -33,21 +33,23 @@ pub(crate) struct DatasetRun {
 }
 
 /// How a run ended, for its record.
-pub(crate) struct Ended<'r> {
-    pub(crate) records: &'r [SceneRecord],
+pub struct Ended<'r> {
+    /// What became of the scenes.
+    pub records: &'r [SceneRecord],
     /// The shards that it joins.
-    pub(crate) shards: &'r [ShardState],
-    pub(crate) results: Value,
+    pub shards: &'r [ShardState],
+    /// Counts over all scenes.
+    pub results: Value,
     /// Median time of an attack in this process.
-    pub(crate) seconds_per_attack: Option<f64>,
+    pub seconds_per_attack: Option<f64>,
     /// True if the folder is a data set of pickles.
-    pub(crate) has_pickles: bool,
+    pub has_pickles: bool,
     /// True if nothing is left to do; else the same command tries the scenes that failed again.
-    pub(crate) is_done: bool,
+    pub is_done: bool,
 }
 
 /// Hash of what identifies a run, as its rows begin with it.
-pub(crate) fn run_hash(identity: &Value) -> String {
+pub fn run_hash(identity: &Value) -> String {
     blake3::hash(identity.to_string().as_bytes()).to_hex()[..16].to_owned()
 }
 
@@ -57,7 +59,7 @@ impl DatasetRun {
     ///
     /// *Errors*: the folder has other content and `force` is not given; another run holds it; there are no shards to join;
     /// a system error.
-    pub(crate) fn start(
+    pub fn start(
         path: &Path,
         identity: Value,
         force: bool,
@@ -118,12 +120,12 @@ impl DatasetRun {
     }
 
     /// Hash of what identifies the run.
-    pub(crate) fn hash(&self) -> &str {
+    pub fn hash(&self) -> &str {
         &self.hash
     }
 
     /// Folder of the run.
-    pub(crate) fn folder(&self) -> &Folder {
+    pub fn folder(&self) -> &Folder {
         &self.folder
     }
 
@@ -138,13 +140,13 @@ impl DatasetRun {
     }
 
     /// True if the record says that all is done, and the results are there.
-    pub(crate) fn is_done(&self) -> bool {
+    pub fn is_done(&self) -> bool {
         !self.recorded()["seconds"].is_null()
             && self.results.iter().all(|name| self.folder.path().join(name).is_file())
     }
 
     /// What the record says that the run did.
-    pub(crate) fn recorded_results(&self) -> Value {
+    pub fn recorded_results(&self) -> Value {
         self.recorded()["results"].clone()
     }
 
@@ -152,7 +154,7 @@ impl DatasetRun {
     /// pickles in the summary.
     ///
     /// *Errors*: a pickle in the folder is not a scene; a system error.
-    pub(crate) fn finish(&self, ended: Ended) -> Result<usize> {
+    pub fn finish(&self, ended: Ended) -> Result<usize> {
         let path = self.folder.path();
         let Ended { records, shards, results, seconds_per_attack, has_pickles, is_done } = ended;
         let mut listed = 0;

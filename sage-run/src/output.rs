@@ -18,29 +18,28 @@ use std::{
 
 use advsage::ego::Ego;
 use anyhow::{Context, Result, bail};
-use sage_bench::table::Table;
 use sage_core::files::{self, Existing, OutputLock};
 use sage_data::dataset::Shard;
 
-use crate::{progress, terminal};
+use crate::terminal;
 
-pub(crate) use claims::{Claims, ShardState, ranges};
-pub(crate) use command_line::{command, command_with, identify_by, program, quoted, stand_for};
-pub(crate) use dataset_run::{DatasetRun, Ended, run_hash};
-pub(crate) use inputs::Inputs;
-pub(crate) use manifest::{Counts, FileRecord, MANIFEST, SceneRecord, State, has_shards};
-pub(crate) use part::Part;
-pub(crate) use run::{RECORD, Run, RunState, record_of};
+pub use claims::{Claims, ShardState, ranges};
+pub use command_line::{command, command_with, identify_by, program, quoted, stand_for};
+pub use dataset_run::{DatasetRun, Ended, run_hash};
+pub use inputs::Inputs;
+pub use manifest::{Counts, FileRecord, MANIFEST, SceneRecord, State, has_shards};
+pub use part::Part;
+pub use run::{RECORD, Run, RunState, record_of};
 
 /// Folder of what planners that are programs write to their standard error, in the output folder.
-pub(crate) const PLANNER_LOGS: &str = "planner-logs";
+pub const PLANNER_LOGS: &str = "planner-logs";
 /// Length limit of a file name on common file systems, bytes.
-pub(crate) const LONGEST_FILE_NAME: usize = 255;
+pub const LONGEST_FILE_NAME: usize = 255;
 
 /// The folder for the logs of planners. Each shard has its own.
 ///
 /// *Errors*: it cannot be created.
-pub(crate) fn log_folder(folder: &Folder, part: Part) -> Result<PathBuf> {
+pub fn log_folder(folder: &Folder, part: Part) -> Result<PathBuf> {
     let logs = PathBuf::from(PLANNER_LOGS);
     folder.inner(&match part {
         Part::Shard(Shard { number, of }) => logs.join(format!("{number}-of-{of}")),
@@ -51,7 +50,7 @@ pub(crate) fn log_folder(folder: &Folder, part: Part) -> Result<PathBuf> {
 /// Lets drivers that are programs keep their logs in a folder of the run.
 ///
 /// *Errors*: the folder cannot be created.
-pub(crate) fn keep_planner_logs(folder: &Folder, part: Part, egos: &[Ego]) -> Result<()> {
+pub fn keep_planner_logs(folder: &Folder, part: Part, egos: &[Ego]) -> Result<()> {
     if egos.iter().any(|ego| ego.is_program) && part != Part::Join {
         let logs = log_folder(folder, part)?;
         egos.iter().for_each(|ego| ego.policy.write_logs_to(&logs));
@@ -60,7 +59,7 @@ pub(crate) fn keep_planner_logs(folder: &Folder, part: Part, egos: &[Ego]) -> Re
 }
 
 /// An output folder that only this run writes to.
-pub(crate) struct Folder {
+pub struct Folder {
     path: PathBuf,
     claim: OutputLock,
 }
@@ -70,14 +69,14 @@ impl Folder {
     ///
     /// *Errors*: the folder is not empty and `force` is not given, it holds an input, another run holds it, or a system
     /// error.
-    pub(crate) fn make(path: &Path, force: bool) -> Result<Self> {
+    pub fn make(path: &Path, force: bool) -> Result<Self> {
         Self::make_beside(&Inputs::of_command_line(), path, force)
     }
 
     /// As [`Folder::make`], for a command with inputs that its command line does not name.
     ///
     /// *Errors*: as [`Folder::make`].
-    pub(crate) fn make_beside(inputs: &Inputs, path: &Path, force: bool) -> Result<Self> {
+    pub fn make_beside(inputs: &Inputs, path: &Path, force: bool) -> Result<Self> {
         let folder = Self::claim(inputs, path)?;
         if !force && !folder.holds_at_most(&[])? {
             bail!("`{}` is not empty; give --force to write into it anyway", path.display());
@@ -105,14 +104,14 @@ impl Folder {
     }
 
     /// Path of the folder.
-    pub(crate) fn path(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Writes a file of the folder and replaces an existing one.
     ///
     /// *Errors*: a folder of the name is a link; a system error.
-    pub(crate) fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.path.join(name);
         files::check_folders(&self.path, name.as_ref())
             .and_then(|()| files::write(&path, bytes, Existing::Replace))
@@ -122,7 +121,7 @@ impl Folder {
     /// Removes a file or a folder of the folder, if it is there. A link is removed, never followed.
     ///
     /// *Errors*: a folder of the name is a link; a system error.
-    pub(crate) fn remove(&self, name: &str) -> Result<()> {
+    pub fn remove(&self, name: &str) -> Result<()> {
         files::remove_inside(&self.path, name.as_ref())
             .with_context(|| format!("cannot remove `{}`", self.path.join(name).display()))
     }
@@ -130,7 +129,7 @@ impl Folder {
     /// Creates a folder inside this folder.
     ///
     /// *Errors*: the name leads out of the folder, a part of it is a link, or a system error.
-    pub(crate) fn inner(&self, name: &Path) -> Result<PathBuf> {
+    pub fn inner(&self, name: &Path) -> Result<PathBuf> {
         let fail = || format!("cannot create `{}`", self.path.join(name).display());
         let path = files::create_inside(&self.path, name).with_context(fail)?;
         self.claim.clean(&path).with_context(fail)?;
@@ -139,7 +138,7 @@ impl Folder {
 }
 
 /// An output file that only this run writes; `-` is standard output.
-pub(crate) struct OutputFile {
+pub struct OutputFile {
     path: PathBuf,
     existing: Existing,
     claim: Option<OutputLock>,
@@ -150,7 +149,7 @@ impl OutputFile {
     ///
     /// *Errors*: the file exists and `force` is not given, it is an input, another run writes it, or its folder does not
     /// exist or is not writable.
-    pub(crate) fn claim(path: &Path, force: bool) -> Result<Self> {
+    pub fn claim(path: &Path, force: bool) -> Result<Self> {
         let existing = if force { Existing::Replace } else { Existing::Keep };
         if path.to_str() == Some("-") {
             return Ok(Self { path: path.to_owned(), existing, claim: None });
@@ -167,14 +166,14 @@ impl OutputFile {
     }
 
     /// True for standard output.
-    pub(crate) fn is_stdout(&self) -> bool {
+    pub fn is_stdout(&self) -> bool {
         self.claim.is_none()
     }
 
     /// Writes the file.
     ///
     /// *Errors*: the file exists now and `force` was not given, or a system error.
-    pub(crate) fn write(&self, bytes: &[u8]) -> Result<()> {
+    pub fn write(&self, bytes: &[u8]) -> Result<()> {
         if self.is_stdout() {
             return Ok(io::stdout().lock().write_all(bytes)?);
         }
@@ -219,12 +218,7 @@ fn resolved_folder(folder: &Path) -> Result<PathBuf> {
 /// its files.
 ///
 /// *Errors*: the first such input.
-pub(crate) fn protect_inputs(
-    given: &[PathBuf],
-    files: &[PathBuf],
-    out: &Path,
-    outputs: &[PathBuf],
-) -> Result<()> {
+pub fn protect_inputs(given: &[PathBuf], files: &[PathBuf], out: &Path, outputs: &[PathBuf]) -> Result<()> {
     let root = resolved_folder(out)?;
     let resolved = |file: &Path| -> Option<PathBuf> {
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -247,7 +241,7 @@ pub(crate) fn protect_inputs(
 }
 
 /// True if an error means that nothing more can be written, so the command must stop.
-pub(crate) fn is_disk_full(error: &anyhow::Error) -> bool {
+pub fn is_disk_full(error: &anyhow::Error) -> bool {
     let causes = error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>());
     causes.into_iter().any(files::is_disk_full)
 }
@@ -255,18 +249,6 @@ pub(crate) fn is_disk_full(error: &anyhow::Error) -> bool {
 /// Writes text for the user to standard output.
 ///
 /// *Errors*: standard output is closed or full.
-pub(crate) fn print(text: &str) -> Result<()> {
+pub fn print(text: &str) -> Result<()> {
     Ok(io::stdout().lock().write_all(terminal::escaped(text).as_bytes())?)
-}
-
-/// Prints the table at the end of a run: to standard output, or to standard error if that holds JSON rows.
-///
-/// *Errors*: standard output is closed or full.
-pub(crate) fn print_table(table: &Table, beside_json: bool) -> Result<()> {
-    let text = table.terminal();
-    if beside_json {
-        progress::say_lines(&text);
-        return Ok(());
-    }
-    print(&format!("\n{text}"))
 }

@@ -15,28 +15,32 @@ use super::manifest::{
 
 /// A shard whose manifest is there.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct ShardState {
-    pub(crate) shard: Shard,
-    pub(crate) seconds: f64,
-    pub(crate) threads: usize,
+pub struct ShardState {
+    /// Which it is.
+    pub shard: Shard,
+    /// How long it took, seconds.
+    pub seconds: f64,
+    /// Its number of threads.
+    pub threads: usize,
 }
 
 /// What is known of a run from its manifests.
 #[derive(Debug, Default)]
-pub(crate) struct Claims {
+pub struct Claims {
     /// Names of all scenes, in their order.
-    pub(crate) scenes: Vec<String>,
+    pub scenes: Vec<String>,
     /// What became of them. A scene without a record was not reached yet, or its files are not as its manifest says.
-    pub(crate) records: HashMap<String, SceneRecord>,
-    pub(crate) shards: Vec<ShardState>,
+    pub records: HashMap<String, SceneRecord>,
+    /// Shards whose manifests are there.
+    pub shards: Vec<ShardState>,
     /// What is wrong with manifests or files, in words.
-    pub(crate) problems: Vec<String>,
+    pub problems: Vec<String>,
     /// What is wrong with the files of scenes, by scene.
     wrong: BTreeMap<String, String>,
     /// True if a problem is more than a file that is missing, which may only be seen late.
-    pub(crate) is_contradicted: bool,
+    pub is_contradicted: bool,
     /// True if the manifest of the whole run is there.
-    pub(crate) is_joined: bool,
+    pub is_joined: bool,
 }
 
 impl Claims {
@@ -44,7 +48,7 @@ impl Claims {
     /// that they have their hashes.
     ///
     /// *Errors*: the folder cannot be listed.
-    pub(crate) fn read(folder: &Path, run_hash: &str, verify: bool) -> Result<Self> {
+    pub fn read(folder: &Path, run_hash: &str, verify: bool) -> Result<Self> {
         let mut all = Self { scenes: agreed_scenes(folder)?.unwrap_or_default(), ..Self::default() };
         let whole = folder.join(MANIFEST);
         if whole.is_file()
@@ -127,25 +131,25 @@ impl Claims {
     }
 
     /// Numbers of the scenes by what became of them; scenes without a record are not counted.
-    pub(crate) fn counts(&self) -> Counts {
+    pub fn counts(&self) -> Counts {
         Counts::of(self.records.values())
     }
 
     /// Names of the scenes that were not reached, in their order.
-    pub(crate) fn missing(&self) -> Vec<&str> {
+    pub fn missing(&self) -> Vec<&str> {
         let is_missing = |name: &&String| !self.records.contains_key(*name);
         self.scenes.iter().filter(is_missing).map(String::as_str).collect()
     }
 
     /// Number of shards of the run: that of most manifests, of equal ones the largest.
-    pub(crate) fn shard_count(&self) -> Option<u32> {
+    pub fn shard_count(&self) -> Option<u32> {
         let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
         self.shards.iter().for_each(|state| *counts.entry(state.shard.of).or_default() += 1);
         counts.into_iter().max_by_key(|(of, count)| (*count, *of)).map(|(of, _)| of)
     }
 
     /// Numbers of the shards of `of` that hold scenes which were not reached, or which another try may finish.
-    pub(crate) fn unfinished_shards(&self, of: u32) -> BTreeSet<u32> {
+    pub fn unfinished_shards(&self, of: u32) -> BTreeSet<u32> {
         let is_open =
             |name: &&String| self.records.get(*name).is_none_or(|record| record.state == State::Retry);
         self.scenes.iter().filter(is_open).map(|name| Shard::of_scene(name, of).number).collect()
@@ -181,7 +185,7 @@ fn wrong_file(folder: &Path, record: &SceneRecord, verify: bool) -> Option<Strin
 }
 
 /// Numbers in ranges, as `1,4-6`.
-pub(crate) fn ranges(numbers: &BTreeSet<u32>) -> String {
+pub fn ranges(numbers: &BTreeSet<u32>) -> String {
     let mut all: Vec<[u32; 2]> = Vec::new();
     for number in numbers {
         match all.last_mut() {

@@ -25,7 +25,7 @@ impl DatasetRun {
     /// `sage status` knows of scenes that are new.
     ///
     /// *Errors*: they are others; a system error.
-    pub(crate) fn agree_on_scenes(&self, names: &[&str]) -> Result<()> {
+    pub fn agree_on_scenes(&self, names: &[&str]) -> Result<()> {
         let path = self.folder.path();
         let agreed = match agreed_scenes(path)? {
             Some(agreed) => Some(agreed),
@@ -54,7 +54,7 @@ impl DatasetRun {
     /// Names of all scenes, as the shards agree on them.
     ///
     /// *Errors*: they cannot be read.
-    pub(crate) fn agreed_scenes(&self) -> Result<Vec<String>> {
+    pub fn agreed_scenes(&self) -> Result<Vec<String>> {
         let path = self.folder.path();
         let agreed = agreed_scenes(path)?.or_else(|| Manifest::names_of_run(path, &self.hash));
         Ok(agreed.unwrap_or_default())
@@ -64,7 +64,7 @@ impl DatasetRun {
     ///
     /// *Errors*: a scene was not reached by any shard, a manifest or its files are not as they should be, or the shards
     /// are of other scenes.
-    pub(crate) fn joined(&self, names: &[&str]) -> Result<(Vec<SceneRecord>, Vec<ShardState>)> {
+    pub fn joined(&self, names: &[&str]) -> Result<(Vec<SceneRecord>, Vec<ShardState>)> {
         let path = self.folder.path();
         let mut claims = Claims::read(path, &self.hash, false)?;
         if let Some(difference) = difference(&claims.scenes, names).filter(|_| !claims.scenes.is_empty()) {
@@ -99,7 +99,7 @@ impl DatasetRun {
     /// the manifest of the run says the same.
     ///
     /// *Errors*: a system error.
-    pub(crate) fn finish_shard(&self, shard: Shard, records: &[SceneRecord]) -> Result<()> {
+    pub fn finish_shard(&self, shard: Shard, records: &[SceneRecord]) -> Result<()> {
         let path = self.folder.path();
         if shard_files(path)?.is_empty() && self.is_in_manifest(records) {
             progress::say(&format!(
@@ -125,7 +125,7 @@ impl DatasetRun {
     }
 
     /// Files of the scenes that an earlier run of this part finished, by scene, as its manifest says.
-    pub(crate) fn known_files(&self) -> HashMap<String, Vec<FileRecord>> {
+    pub fn known_files(&self) -> HashMap<String, Vec<FileRecord>> {
         let own = match self.part {
             Part::Shard(shard) => Some(shard_file(shard)),
             Part::Whole | Part::Join => None,
@@ -150,7 +150,7 @@ impl DatasetRun {
     /// Removes the manifests of shards and the list of their scenes.
     ///
     /// *Errors*: a system error.
-    pub(crate) fn remove_shards(&self) -> Result<()> {
+    pub fn remove_shards(&self) -> Result<()> {
         let path = self.folder.path();
         if !path.join(SHARDS).is_dir() {
             return Ok(());

@@ -20,7 +20,7 @@ const LEAST_DISTANCE: f64 = 2.0;
 
 /// Adds to the scenes the same scenes with other vehicles as egos. They share map and index. Vehicles that would start
 /// inside another road user are left out, and with `needs_adversary` those without one.
-pub(crate) fn with_other_egos(scenes: Vec<SceneData>, needs_adversary: bool) -> Vec<SceneData> {
+pub fn with_other_egos(scenes: Vec<SceneData>, needs_adversary: bool) -> Vec<SceneData> {
     let rules = Arc::new(EnvironmentOptions::training());
     let others = |data: &SceneData| -> Vec<SceneData> {
         let scene = &data.scene;

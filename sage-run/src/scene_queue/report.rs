@@ -18,38 +18,39 @@ use crate::progress::{Progress, count, say};
 const MOST_WARNINGS: usize = 20;
 
 /// Printed line of one result.
-pub(crate) struct Line {
+pub struct Line {
     /// The line as text.
-    pub(crate) text: String,
+    pub text: String,
     /// Name of the row's file, which holds the line as JSON.
-    pub(crate) row: String,
+    pub row: String,
     /// Time of the work, seconds; `None` if an earlier run finished it.
-    pub(crate) seconds: Option<f64>,
+    pub seconds: Option<f64>,
 }
 
 /// Result of one scene.
-pub(crate) struct SceneReport {
-    pub(crate) lines: Vec<Line>,
+pub struct SceneReport {
+    /// What is printed, a line for each row.
+    pub lines: Vec<Line>,
     /// Names of its files beside the rows of its lines.
-    pub(crate) files: Vec<String>,
+    pub files: Vec<String>,
     /// Time per line, seconds; `None` if an earlier run finished all.
-    pub(crate) seconds: Option<f64>,
+    pub seconds: Option<f64>,
     /// Warnings about the scene that change its results.
-    pub(crate) warnings: Vec<Warning>,
+    pub warnings: Vec<Warning>,
     /// Why lines are missing: planners that failed.
-    pub(crate) failures: Vec<String>,
+    pub failures: Vec<String>,
 }
 
 impl SceneReport {
     /// The report of a scene that an earlier run finished.
-    pub(crate) fn found(lines: Vec<Line>, files: Vec<String>) -> Self {
+    pub fn found(lines: Vec<Line>, files: Vec<String>) -> Self {
         Self { lines, files, seconds: None, warnings: Vec::new(), failures: Vec::new() }
     }
 }
 
 /// Prints results in the order of the scenes. Waiting rows stay on the disk, so memory does not grow with
 /// them.
-pub(crate) struct Report {
+pub struct Report {
     folder: PathBuf,
     json: bool,
     /// What one line is: a noun.
@@ -76,7 +77,7 @@ struct ReportState {
 impl Report {
     /// A report for a number of scenes with rows in a folder. The words are a participle for what is done to a
     /// scene, and a noun for a line.
-    pub(crate) fn new(folder: &Path, json: bool, scenes: usize, [verb, result]: [&'static str; 2]) -> Self {
+    pub fn new(folder: &Path, json: bool, scenes: usize, [verb, result]: [&'static str; 2]) -> Self {
         let state = ReportState {
             next: 0,
             waiting: BTreeMap::new(),
@@ -91,7 +92,7 @@ impl Report {
     }
 
     /// The same without a line for each result.
-    pub(crate) fn quiet(self) -> Self {
+    pub fn quiet(self) -> Self {
         self.state().is_open = false;
         self
     }
@@ -99,7 +100,7 @@ impl Report {
     /// Reports a finished scene.
     ///
     /// *Errors*: standard output is not writable, or a row cannot be read back.
-    pub(crate) fn done(&self, number: usize, name: &str, scene: SceneReport) -> Result<()> {
+    pub fn done(&self, number: usize, name: &str, scene: SceneReport) -> Result<()> {
         let mut state = self.state();
         for warning in &scene.warnings {
             let number = state.warnings.entry(warning.kind).or_default();
@@ -129,7 +130,7 @@ impl Report {
     /// Reports a failed scene.
     ///
     /// *Errors*: as [`Report::done`].
-    pub(crate) fn failed(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
+    pub fn failed(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
         let mut state = self.state();
         state.failed += 1;
         state.progress.say(&format!("error: {}", named(file, error)));
@@ -140,7 +141,7 @@ impl Report {
     /// Reports a scene in which nothing can be measured.
     ///
     /// *Errors*: as [`Report::done`].
-    pub(crate) fn left_out(&self, number: usize, name: &str, reason: &str, lines: Vec<Line>) -> Result<()> {
+    pub fn left_out(&self, number: usize, name: &str, reason: &str, lines: Vec<Line>) -> Result<()> {
         let mut state = self.state();
         state.left_out += 1;
         state.progress.say(&format!("left out: {name}: {reason}"));
@@ -149,18 +150,18 @@ impl Report {
     }
 
     /// Says something about the work.
-    pub(crate) fn say(&self, text: &str) {
+    pub fn say(&self, text: &str) {
         self.state().progress.say(text);
     }
 
     /// Number of scenes finished so far.
-    pub(crate) fn finished(&self) -> usize {
+    pub fn finished(&self) -> usize {
         let state = self.state();
         state.progress.done() - state.failed - state.left_out
     }
 
     /// Prints a summary. Returns the number of results.
-    pub(crate) fn finish(self, out: &Path) -> usize {
+    pub fn finish(self, out: &Path) -> usize {
         let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let scenes = state.progress.done() - state.failed - state.left_out;
         let found = state.progress.found();

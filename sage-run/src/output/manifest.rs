@@ -15,9 +15,9 @@ use sage_data::dataset::Shard;
 use serde::{Deserialize, Serialize};
 
 /// Manifest of a whole run.
-pub(crate) const MANIFEST: &str = "manifest.jsonl";
+pub const MANIFEST: &str = "manifest.jsonl";
 /// Folder of the manifests of shards, until they are joined.
-pub(crate) const SHARDS: &str = "shards";
+pub const SHARDS: &str = "shards";
 /// Names of all scenes of a run, in their order.
 pub(super) const SCENES: &str = "scenes.json";
 /// Size limit of a file with the names of all scenes, bytes.
@@ -28,7 +28,8 @@ const LINE_LIMIT: u64 = 1 << 28;
 /// What became of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum State {
+pub enum State {
+    /// All its files are there.
     Done,
     /// What is asked cannot be measured in it.
     LeftOut,
@@ -40,42 +41,40 @@ pub(crate) enum State {
 
 /// A file of a scene.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct FileRecord {
+pub struct FileRecord {
     /// Name within the folder of the run.
-    pub(crate) name: String,
-    pub(crate) bytes: u64,
+    pub name: String,
+    /// Size, bytes.
+    pub bytes: u64,
     /// The first 32 digits of BLAKE3.
-    pub(crate) blake3: String,
+    pub blake3: String,
 }
 
 /// What became of a scene, and its files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct SceneRecord {
+pub struct SceneRecord {
     /// Name of the scene, as in the names of its files.
-    pub(crate) scene: String,
-    pub(crate) state: State,
+    pub scene: String,
+    /// What became of it.
+    pub state: State,
     /// Why it is not done.
     #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub(crate) reason: String,
+    pub reason: String,
     /// In the order of their names.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) files: Vec<FileRecord>,
+    pub files: Vec<FileRecord>,
 }
 
 impl SceneRecord {
     /// A record without files.
-    pub(crate) fn new(scene: &str, state: State, reason: String) -> Self {
+    pub fn new(scene: &str, state: State, reason: String) -> Self {
         Self { scene: scene.to_owned(), state, reason, files: Vec::new() }
     }
 
     /// The same with the files of the scene as they are on the disk.
     ///
     /// *Errors*: one cannot be read.
-    pub(crate) fn with_files<'n>(
-        mut self,
-        folder: &Path,
-        names: impl IntoIterator<Item = &'n str>,
-    ) -> Result<Self> {
+    pub fn with_files<'n>(mut self, folder: &Path, names: impl IntoIterator<Item = &'n str>) -> Result<Self> {
         let names: BTreeSet<&str> = names.into_iter().collect();
         self.files = names.into_iter().map(|name| FileRecord::of(folder, name)).collect::<Result<_>>()?;
         Ok(self)
@@ -84,14 +83,14 @@ impl SceneRecord {
 
 impl FileRecord {
     /// True if the file is still as it was recorded.
-    pub(crate) fn holds(&self, folder: &Path) -> bool {
+    pub fn holds(&self, folder: &Path) -> bool {
         Self::of(folder, &self.name).is_ok_and(|found| found == *self)
     }
 
     /// Size and hash of a file.
     ///
     /// *Errors*: it cannot be read.
-    pub(crate) fn of(folder: &Path, name: &str) -> Result<Self> {
+    pub fn of(folder: &Path, name: &str) -> Result<Self> {
         let (path, mut hasher) = (folder.join(name), blake3::Hasher::new());
         let hashed = std::fs::File::open(&path).and_then(|file| hasher.update_reader(file).map(|_| ()));
         hashed.with_context(|| format!("cannot read `{}`", path.display()))?;
@@ -105,22 +104,29 @@ impl FileRecord {
 
 /// Numbers of scenes by what became of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Counts {
-    pub(crate) scenes: usize,
-    pub(crate) done: usize,
-    pub(crate) left_out: usize,
-    pub(crate) bad: usize,
-    pub(crate) retry: usize,
+pub struct Counts {
+    /// All scenes.
+    pub scenes: usize,
+    /// Those that are done.
+    pub done: usize,
+    /// Those in which what is asked cannot be measured.
+    pub left_out: usize,
+    /// Bad ones.
+    pub bad: usize,
+    /// Those that another try may do.
+    pub retry: usize,
 }
 
 impl Counts {
-    pub(crate) fn of<'r>(records: impl IntoIterator<Item = &'r SceneRecord>) -> Self {
+    /// Counts records.
+    pub fn of<'r>(records: impl IntoIterator<Item = &'r SceneRecord>) -> Self {
         let mut counts = Self::default();
         records.into_iter().for_each(|record| counts.add(record.state));
         counts
     }
 
-    pub(crate) fn add(&mut self, state: State) {
+    /// Counts one more scene.
+    pub fn add(&mut self, state: State) {
         self.scenes += 1;
         *match state {
             State::Done => &mut self.done,
@@ -131,48 +137,48 @@ impl Counts {
     }
 
     /// Scenes that are not done and not left out.
-    pub(crate) fn failed(&self) -> usize {
+    pub fn failed(&self) -> usize {
         self.bad + self.retry
     }
 }
 
 /// What only the manifest of a shard says.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct ShardRecord {
-    pub(crate) number: u32,
-    pub(crate) of: u32,
+pub struct ShardRecord {
+    pub number: u32,
+    pub of: u32,
     /// Time of the process that wrote the manifest.
-    pub(crate) seconds: f64,
-    pub(crate) threads: usize,
+    pub seconds: f64,
+    pub threads: usize,
 }
 
 /// First line of a manifest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Head {
+pub struct Head {
     /// Hash of the run's identity, `run` of `run.json`.
-    pub(crate) run_hash: String,
+    pub run_hash: String,
     #[serde(flatten)]
-    pub(crate) counts: Counts,
+    pub counts: Counts,
     /// Size of all files.
-    pub(crate) bytes: u64,
+    pub bytes: u64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) shard: Option<ShardRecord>,
+    pub shard: Option<ShardRecord>,
     /// BLAKE3 of all further lines, the first 32 digits.
-    pub(crate) blake3: String,
+    pub blake3: String,
 }
 
 /// A manifest that is read back.
 #[derive(Debug)]
-pub(crate) struct Manifest {
-    pub(crate) head: Head,
-    pub(crate) records: Vec<SceneRecord>,
+pub struct Manifest {
+    pub head: Head,
+    pub records: Vec<SceneRecord>,
 }
 
 impl Manifest {
     /// Writes a manifest.
     ///
     /// *Errors*: those of the system.
-    pub(crate) fn write(
+    pub fn write(
         path: &Path,
         run_hash: &str,
         shard: Option<ShardRecord>,
@@ -198,7 +204,7 @@ impl Manifest {
     }
 
     /// Names of the scenes of the manifest of the whole run with a hash; `None` if there is none.
-    pub(crate) fn names_of_run(folder: &Path, run_hash: &str) -> Option<Vec<String>> {
+    pub fn names_of_run(folder: &Path, run_hash: &str) -> Option<Vec<String>> {
         let whole =
             Self::read(&folder.join(MANIFEST)).ok().filter(|whole| whole.head.run_hash == run_hash)?;
         Some(whole.records.into_iter().map(|record| record.scene).collect())
@@ -207,7 +213,7 @@ impl Manifest {
     /// Reads a manifest.
     ///
     /// *Errors*: it cannot be read, or its lines are not those that were written.
-    pub(crate) fn read(path: &Path) -> Result<Self> {
+    pub fn read(path: &Path) -> Result<Self> {
         let shown = || format!("`{}`", path.display());
         let mut lines = Lines::open(path).with_context(|| format!("cannot read {}", shown()))?;
         let first = lines.next_line().and_then(|line| line.context("it is empty")).with_context(shown)?;
@@ -252,14 +258,14 @@ impl Lines {
 }
 
 /// Name of a shard's manifest in its folder.
-pub(crate) fn shard_file(Shard { number, of }: Shard) -> String {
+pub fn shard_file(Shard { number, of }: Shard) -> String {
     format!("{SHARDS}/{number}-of-{of}.jsonl")
 }
 
 /// Manifests of shards in a folder, in the order of their numbers.
 ///
 /// *Errors*: the folder cannot be listed.
-pub(crate) fn shard_files(folder: &Path) -> Result<Vec<(Shard, PathBuf)>> {
+pub fn shard_files(folder: &Path) -> Result<Vec<(Shard, PathBuf)>> {
     let shards = folder.join(SHARDS);
     if !shards.is_dir() {
         return Ok(Vec::new());
@@ -280,7 +286,7 @@ pub(crate) fn shard_files(folder: &Path) -> Result<Vec<(Shard, PathBuf)>> {
 /// The names of all scenes that the shards of a folder agree on; `None` before the first.
 ///
 /// *Errors*: the file cannot be read.
-pub(crate) fn agreed_scenes(folder: &Path) -> Result<Option<Vec<String>>> {
+pub fn agreed_scenes(folder: &Path) -> Result<Option<Vec<String>>> {
     let path = folder.join(SHARDS).join(SCENES);
     if !path.is_file() {
         return Ok(None);
@@ -293,12 +299,12 @@ pub(crate) fn agreed_scenes(folder: &Path) -> Result<Option<Vec<String>>> {
 /// True if a folder has manifests of shards, or the list of their scenes.
 ///
 /// *Errors*: the folder cannot be listed.
-pub(crate) fn has_shards(folder: &Path) -> Result<bool> {
+pub fn has_shards(folder: &Path) -> Result<bool> {
     Ok(folder.join(SHARDS).join(SCENES).is_file() || !shard_files(folder)?.is_empty())
 }
 
 /// Says in what two lists of scenes differ; `None` if they are equal.
-pub(crate) fn difference(agreed: &[String], own: &[&str]) -> Option<String> {
+pub fn difference(agreed: &[String], own: &[&str]) -> Option<String> {
     if agreed.iter().map(String::as_str).eq(own.iter().copied()) {
         return None;
     }

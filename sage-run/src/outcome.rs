@@ -59,14 +59,14 @@ impl From<Outcome> for ExitCode {
 /// The result of work on a scene. A panic within is an error of that scene.
 ///
 /// *Errors*: those of `work`; a [`defect::Defect`].
-pub(crate) fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+pub fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     defect::caught(work)?
 }
 
 /// The results without those of scenes that met a defect, which are named.
 ///
 /// *Errors*: the first other error, in the order of the scenes.
-pub(crate) fn without_defects<T>(all: Vec<Result<T>>) -> Result<Vec<T>> {
+pub fn without_defects<T>(all: Vec<Result<T>>) -> Result<Vec<T>> {
     let is_defect = |result: &Result<T>| {
         let error = result.as_ref().err().filter(|error| error.is::<Defect>());
         error.inspect(|error| progress::say(&format!("error: {error:#}"))).is_some()
@@ -75,7 +75,7 @@ pub(crate) fn without_defects<T>(all: Vec<Result<T>>) -> Result<Vec<T>> {
 }
 
 /// The exit code of a command that an error ended.
-pub(crate) fn code_of(error: &anyhow::Error) -> u8 {
+pub fn code_of(error: &anyhow::Error) -> u8 {
     if may_succeed_later(error) {
         return Outcome::Retry.code();
     }
@@ -84,7 +84,7 @@ pub(crate) fn code_of(error: &anyhow::Error) -> u8 {
 
 /// An error that ends a command with another outcome than failure.
 #[derive(Debug)]
-pub(crate) struct EndsWith(pub(crate) Outcome, pub(crate) anyhow::Error);
+pub struct EndsWith(pub Outcome, pub anyhow::Error);
 
 impl fmt::Display for EndsWith {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
@@ -100,19 +100,19 @@ impl Error for EndsWith {
 
 /// True if the system refused to read or write, or another run holds the output, so that another try may succeed. A path
 /// that does not exist, or is of the wrong kind, is the user's.
-pub(crate) fn may_succeed_later(error: &anyhow::Error) -> bool {
+pub fn may_succeed_later(error: &anyhow::Error) -> bool {
     error
         .chain()
         .any(|cause| matches!(cause.downcast_ref(), Some(LockError::Held { .. })) || is_refusal(cause))
 }
 
 /// True if an error is one of the system, which refused to read or write.
-pub(crate) fn is_refusal(error: &(dyn Error + 'static)) -> bool {
+pub fn is_refusal(error: &(dyn Error + 'static)) -> bool {
     error.downcast_ref::<io::Error>().is_some_and(is_of_the_system)
 }
 
 /// The same for an error of one scene, whose file was there when the scenes were listed.
-pub(crate) fn may_pass(error: &anyhow::Error) -> bool {
+pub fn may_pass(error: &anyhow::Error) -> bool {
     let is_gone = |cause: &(dyn Error + 'static)| {
         cause.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == ErrorKind::NotFound)
     };

@@ -3,21 +3,21 @@
 use std::{fmt::Write as _, io};
 
 use sage_core::text::is_hidden;
-pub(crate) use sage_core::text::{escaped, escaped_html, escaped_name};
+pub use sage_core::text::{escaped, escaped_html, escaped_name};
 use serde::Serialize;
 
 /// Writes a value as a line of JSON and escapes characters that control a terminal. A parser reads the same
 /// value.
 ///
 /// *Errors*: those of the output.
-pub(crate) fn json_line(out: &mut impl io::Write, value: &impl Serialize) -> io::Result<()> {
+pub fn json_line(out: &mut impl io::Write, value: &impl Serialize) -> io::Result<()> {
     write_json_line(out, &serde_json::to_string(value)?)
 }
 
 /// As [`json_line`], for a value that is JSON already.
 ///
 /// *Errors*: those of the output.
-pub(crate) fn write_json_line(out: &mut impl io::Write, text: &str) -> io::Result<()> {
+pub fn write_json_line(out: &mut impl io::Write, text: &str) -> io::Result<()> {
     if !text.chars().any(is_hidden) {
         return writeln!(out, "{text}");
     }
@@ -36,7 +36,7 @@ pub(crate) fn write_json_line(out: &mut impl io::Write, text: &str) -> io::Resul
 }
 
 /// A text of a stranger within a line of a Markdown page: what would be markup, HTML or a new line is escaped.
-pub(crate) fn escaped_markdown(text: &str) -> String {
+pub fn escaped_markdown(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in escaped_name(text).chars() {
         match c {
@@ -51,13 +51,13 @@ pub(crate) fn escaped_markdown(text: &str) -> String {
 }
 
 /// A text of a stranger between backticks on a Markdown page, also in a table.
-pub(crate) fn escaped_markdown_code(text: &str) -> String {
+pub fn escaped_markdown_code(text: &str) -> String {
     escaped_name(text).replace('`', "'").replace('|', "\\u{7c}")
 }
 
 /// A line of a table that ends with a text: the text goes to a line of its own if both have no room in one.
-pub(crate) fn with_remark(cells: &str, remark: &str) -> String {
-    let is_long = cells.chars().count() + 2 + remark.chars().count() > sage_bench::wrap::COLUMNS;
+pub fn with_remark(cells: &str, remark: &str) -> String {
+    let is_long = cells.chars().count() + 2 + remark.chars().count() > sage_core::text::wrap::COLUMNS;
     let gap = if is_long { "\n    " } else { "  " };
     format!("{cells}{gap}{remark}").trim_end().to_owned()
 }

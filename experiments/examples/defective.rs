@@ -117,8 +117,8 @@ impl Entry<dyn GeneratorKind> for Fragile {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.policies = registries.policies.with::<Fragile>()?;
-        registries.generators = registries.generators.with::<Fragile>()?;
+        registries.parts.policies = registries.parts.policies.with::<Fragile>()?;
+        registries.parts.generators = registries.parts.generators.with::<Fragile>()?;
         Ok(registries)
     })
 }

@@ -159,7 +159,7 @@ impl Entry<dyn Backbone> for GoalScorer {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.backbones = registries.backbones.with::<GoalScorer>()?;
+        registries.parts.backbones = registries.parts.backbones.with::<GoalScorer>()?;
         Ok(registries)
     })
 }

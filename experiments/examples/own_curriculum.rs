@@ -50,7 +50,7 @@ impl Curriculum for Patient {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.curricula = registries.curricula.with::<Patient>()?;
+        registries.parts.curricula = registries.parts.curricula.with::<Patient>()?;
         Ok(registries)
     })
 }

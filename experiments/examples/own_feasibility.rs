@@ -60,7 +60,7 @@ impl Feasibility for SpeedLimit {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.feasibilities = registries.feasibilities.with::<SpeedLimit>()?;
+        registries.parts.feasibilities = registries.parts.feasibilities.with::<SpeedLimit>()?;
         Ok(registries)
     })
 }

@@ -83,7 +83,7 @@ impl Entry<dyn GeneratorKind> for Brake {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.generators = registries.generators.with::<Brake>()?;
+        registries.parts.generators = registries.parts.generators.with::<Brake>()?;
         Ok(registries)
     })
 }

@@ -45,7 +45,7 @@ impl Entry<dyn Merger> for Strongest {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.mergers = registries.mergers.with::<Strongest>()?;
+        registries.parts.mergers = registries.parts.mergers.with::<Strongest>()?;
         Ok(registries)
     })
 }

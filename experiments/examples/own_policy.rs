@@ -93,7 +93,7 @@ impl Driver for Cautious {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.policies = registries.policies.with::<Cautious>()?;
+        registries.parts.policies = registries.parts.policies.with::<Cautious>()?;
         Ok(registries)
     })
 }

@@ -95,7 +95,7 @@ impl PreparedProposer for Straight {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.generators = registries.generators.with::<StraightOn>()?;
+        registries.parts.generators = registries.parts.generators.with::<StraightOn>()?;
         Ok(registries)
     })
 }

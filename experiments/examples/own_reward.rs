@@ -59,7 +59,7 @@ impl Reward for NearMiss {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.rewards = registries.rewards.with::<NearMiss>()?;
+        registries.parts.rewards = registries.parts.rewards.with::<NearMiss>()?;
         Ok(registries)
     })
 }

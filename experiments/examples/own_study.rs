@@ -143,10 +143,10 @@ impl Driver for Roll {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut all = experiments::Registries::shipped()?;
-        all.rewards = all.rewards.with::<StartGap>()?;
-        all.mergers = all.mergers.with::<Halfway>()?;
-        all.generators = all.generators.with::<Coast>()?;
-        all.policies = all.policies.with::<Roll>()?;
+        all.parts.rewards = all.parts.rewards.with::<StartGap>()?;
+        all.parts.mergers = all.parts.mergers.with::<Halfway>()?;
+        all.parts.generators = all.parts.generators.with::<Coast>()?;
+        all.parts.policies = all.parts.policies.with::<Roll>()?;
         let top_speed = Metric::mean("top speed", |t: &MeasuredTrajectory| {
             t.candidate.profile().speed.iter().copied().reduce(f64::max)
         });

@@ -7,12 +7,10 @@ use sage_data::{
     openscenario::{Export, License, Options, Provenance},
 };
 use sage_generators::attacked;
+use sage_run::output::LONGEST_FILE_NAME;
 use serde_json::{Map, Value, json};
 
-use crate::{
-    output::LONGEST_FILE_NAME,
-    scenario_files::{self, with_facts},
-};
+use crate::scenario_files::{self, with_facts};
 
 /// Which files are written.
 #[derive(Clone, Debug)]

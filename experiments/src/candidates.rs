@@ -11,9 +11,8 @@ use sage_core::{
     scene::{AdversaryOrigin, Scene},
 };
 use sage_data::{ReadOptions, Recording, checks};
+use sage_run::progress;
 use serde::Deserialize;
-
-use crate::progress;
 
 /// Size limit of a file of candidates, bytes: tens of thousands of trajectories.
 const LIMIT: u64 = 64 << 20;

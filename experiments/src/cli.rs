@@ -18,15 +18,16 @@ mod training;
 
 use std::path::PathBuf;
 
+use advsage::part::PolicyParts;
 use clap::{
     Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
 };
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
+use sage_run::scenes::Filter;
 
 use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
-use crate::part::PolicyParts;
 
 pub(crate) use adversaries::{TrainAdversaryCommand, TrainGooseArgs, TrainSealArgs, TrainingScenesArgs};
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, ExplainArgs, GenerateArgs, Values};
@@ -395,6 +396,19 @@ pub(crate) struct SplitArgs {
     pub scenes: Vec<String>,
     #[command(flatten)]
     pub reading: ReadingArgs,
+}
+
+impl SplitArgs {
+    /// The scenes that are chosen.
+    pub(crate) fn filter(&self) -> Filter {
+        Filter {
+            splits: self.splits.clone(),
+            split: self.split.clone(),
+            without_split: self.without_split.clone(),
+            scenes: self.scenes.clone(),
+            reading: self.reading.options(),
+        }
+    }
 }
 
 /// Parses a finite number.

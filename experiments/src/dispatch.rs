@@ -1,13 +1,12 @@
 //! Dispatches parsed arguments to the command.
 
 use anyhow::Result;
+use sage_run::{Outcome, output::Part};
 
 use crate::{
-    Outcome, Registries,
+    Registries,
     cli::{AnalyseCommand, BenchCommand, Cli, Command, TrainAdversaryCommand},
-    commands,
-    output::Part,
-    threads,
+    commands, threads,
 };
 
 impl Cli {
@@ -17,41 +16,45 @@ impl Cli {
     pub fn execute(self, registries: &Registries) -> Result<Outcome> {
         threads::build_pool(self.threads)?;
         match self.command {
-            Command::Demo(args) => commands::demo::run(&args, registries),
+            Command::Demo(args) => commands::demo::run(&args, &registries.parts),
             Command::List { json } => commands::list::run(registries, json),
             Command::Theory(args) => commands::theory::run(&args, registries),
             Command::Inspect(args) => commands::inspect::run(&args),
-            Command::Score(args) => commands::score::run(&args, registries),
+            Command::Score(args) => commands::score::run(&args, &registries.parts),
             Command::Draw(args) => commands::draw::run(&args),
             Command::Convert(args) => commands::convert::run(&args, Part::of(args.shard)),
             Command::Scenes(args) => commands::scenes::run(&args),
-            Command::Pretrain(args) => commands::pretrain::run(&args, registries),
-            Command::Finetune(args) => commands::finetune::run(&args, registries),
-            Command::Merge(args) => commands::merge::run(&args, registries),
-            Command::Calibrate(args) => commands::calibrate::run(&args, registries),
-            Command::Predict(args) => commands::predict::run(&args, registries),
-            Command::Explain(args) => commands::explain::run(&args, registries),
-            Command::Generate(args) => commands::generate::run(&args, Part::of(args.shard), registries),
-            Command::Simulate(args) => commands::simulate::run(&args, Part::of(args.shard), registries),
-            Command::Search(args) => commands::search::run(&args, Part::of(args.shard), registries),
+            Command::Pretrain(args) => commands::pretrain::run(&args, &registries.parts),
+            Command::Finetune(args) => commands::finetune::run(&args, &registries.parts),
+            Command::Merge(args) => commands::merge::run(&args, &registries.parts),
+            Command::Calibrate(args) => commands::calibrate::run(&args, &registries.parts),
+            Command::Predict(args) => commands::predict::run(&args, &registries.parts),
+            Command::Explain(args) => commands::explain::run(&args, &registries.parts),
+            Command::Generate(args) => {
+                commands::generate::run(&args, Part::of(args.shard), &registries.parts)
+            }
+            Command::Simulate(args) => {
+                commands::simulate::run(&args, Part::of(args.shard), &registries.parts)
+            }
+            Command::Search(args) => commands::search::run(&args, Part::of(args.shard), &registries.parts),
             Command::Report(args) => commands::report::run(&args),
-            Command::Suite(args) => commands::suite::run(&args, registries),
-            Command::Test(args) => commands::test::run(&args, registries),
+            Command::Suite(args) => commands::suite::run(&args, &registries.parts),
+            Command::Test(args) => commands::test::run(&args, &registries.parts),
             Command::Jobs(args) => commands::jobs::run(&args),
             Command::Status(args) => commands::status::run(&args),
             Command::Join(args) => commands::join::run(&args, registries),
             Command::TrainEgo(args) => commands::train_ego::run(&args, registries),
             Command::TrainAdversary(TrainAdversaryCommand::Seal(args)) => {
-                commands::train_adversary::seal::run(&args, registries)
+                commands::train_adversary::seal::run(&args, &registries.parts)
             }
             Command::TrainAdversary(TrainAdversaryCommand::Goose(args)) => {
-                commands::train_adversary::goose::run(&args, registries)
+                commands::train_adversary::goose::run(&args, &registries.parts)
             }
             Command::Analyse(AnalyseCommand::Connectivity(args)) => {
-                commands::analyse_connectivity::run(&args, registries)
+                commands::analyse_connectivity::run(&args, &registries.parts)
             }
             Command::Bench(args) => match args.command {
-                Some(BenchCommand::Speed(args)) => commands::bench_speed::run(&args, registries),
+                Some(BenchCommand::Speed(args)) => commands::bench_speed::run(&args, &registries.parts),
                 Some(BenchCommand::List) => commands::bench_study::list(registries),
                 Some(BenchCommand::Report(args)) => commands::bench_study::report(&args, registries),
                 None => commands::bench_study::run(&args.study, Part::of(args.study.shard), registries),

@@ -2,16 +2,15 @@
 
 use std::path::Path;
 
+use advsage::Registries;
 use clap::Parser;
-
-use crate::{
-    Registries,
-    cli::GenerateArgs,
-    commands::generate,
+use sage_run::{
     outcome::code_of,
     output::{self, Part},
-    progress, signals, threads,
+    progress,
 };
+
+use crate::{cli::GenerateArgs, commands::generate, signals, threads};
 
 #[derive(Parser)]
 #[command(name = "sage generate", max_term_width = 100)]

@@ -14,7 +14,7 @@
 //! fn main() -> std::process::ExitCode {
 //!     experiments::run(|| {
 //!         let registries = Registries::shipped()?;
-//!         // registries.rewards = registries.rewards.with::<MyReward>()?;
+//!         // registries.parts.rewards = registries.parts.rewards.with::<MyReward>()?;
 //!         Ok(registries)
 //!     })
 //! }
@@ -27,41 +27,26 @@ mod cli;
 mod commands;
 pub mod contact_row;
 mod dispatch;
-pub mod drawing;
 pub mod generate_job;
-mod html_page;
-mod input;
 mod junit;
-mod listing;
 mod networks;
-mod outcome;
-mod output;
-mod player;
-mod progress;
+mod printing;
 pub mod results;
 mod run_generator;
 mod scenario_files;
-mod scene_queue;
-mod scenes;
-mod selection_outcome;
 mod signals;
-mod terminal;
 mod threads;
 
 use std::{io, process::ExitCode};
 
 use anyhow::Result;
 use sage_core::{Error, defect};
+use sage_run::{outcome, progress};
 
+pub use advsage::operating_point::{OperatingPointSpec, RowKey};
 pub use cli::Cli;
-pub use outcome::Outcome;
-pub use sage_bench::{
-    Registries,
-    operating_point::{OperatingPointSpec, RowKey},
-};
-pub(crate) use sage_bench::{
-    ego, generators, latest_start, operating_point, part, references, search, selection,
-};
+pub use sage_bench::Registries;
+pub use sage_run::Outcome;
 
 /// Runs the command line of this process. Exit codes: 0 all is done, 2 wrong usage, 65 done
 /// but scenes are bad, 70 a scene met a defect of this program, 74 an input or output error that another try may pass, 1

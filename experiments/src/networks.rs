@@ -1,13 +1,13 @@
 //! Loads networks and weights by the names that commands accept, and says which they are.
 
+use advsage::selection::Selection;
+use advsage::weights::{NamedExperts, NamedNetwork, find_dial, note_on_merger};
 use anyhow::Result;
 use sage_backbones::Backbone;
-use sage_bench::weights::{NamedExperts, NamedNetwork, find_dial, note_on_merger};
 use sage_core::registry::Registry;
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
-
-use crate::{progress, selection::Selection};
+use sage_run::progress;
 
 /// Loads a prior by name.
 ///

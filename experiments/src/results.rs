@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
+use advsage::search::PlanSources;
 use anyhow::Result;
-use sage_bench::search::PlanSources;
 use sage_core::{
     motion::Trajectory,
     objective::{Context, ContextOptions},
@@ -21,6 +21,10 @@ use sage_sim::{
     search::{Pool, Requirement, SearchResult},
     traffic::Plan,
 };
+use sage_view::{
+    drawing::{self, Picture, drawn_path},
+    player,
+};
 use serde_json::{Map, Value};
 
 use crate::{
@@ -32,8 +36,7 @@ use crate::{
         },
     },
     contact_row::step,
-    drawing::{self, Picture, drawn_path},
-    player, scenario_files,
+    scenario_files,
 };
 
 /// Fields of rows that say which run and file they are of.

@@ -1,25 +1,23 @@
 //! A generator that the user names on the command line, at its operating points.
 
-use anyhow::{Context as _, Result};
-use sage_bench::{
+use advsage::{
+    Registries,
+    generators::{BuiltGenerator, weight_hashes},
+    operating_point::OperatingPointSpec,
+    part::Part,
+    selection::Selection,
+};
+use advsage::{
     named_generator::{GeneratorSpec, NamedGenerator},
     weights::{NamedExperts, find_dial},
 };
+use anyhow::{Context as _, Result};
 use sage_core::objective::FurtherMeasures;
 use sage_generators::Facts;
+use sage_run::{output, progress};
 use serde_json::{Map, Value, json};
 
-use crate::{
-    Registries,
-    cli::AttackArgs,
-    generators::{BuiltGenerator, weight_hashes},
-    networks,
-    operating_point::OperatingPointSpec,
-    output,
-    part::Part,
-    progress,
-    selection::Selection,
-};
+use crate::{cli::AttackArgs, networks};
 
 /// The generator of a run, at all its operating points.
 pub(crate) struct RunGenerator<'a> {

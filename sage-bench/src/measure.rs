@@ -12,6 +12,7 @@ mod transfers;
 
 use std::{path::Path, sync::Arc};
 
+use advsage::ego::Ego;
 use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
@@ -32,10 +33,7 @@ pub use scene::MeasuredScene;
 pub use searches::Searches;
 pub use transfers::Transfers;
 
-use crate::{
-    ego::Ego,
-    rows::{Cell, Key, Subject},
-};
+use crate::rows::{Cell, Key, Subject};
 
 /// A kind of measurement with all its methods.
 pub trait Measurement: Sync + Send {

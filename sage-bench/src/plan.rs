@@ -2,23 +2,25 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use advsage::{
+    ego::{self, Ego},
+    generators::weight_hashes,
+    part::{Part, PolicyPart},
+    search::{ONE_SHOT, POOL},
+    selection::Selection,
+};
 use anyhow::{Result, bail, ensure};
 use sage_core::{generator::Attack, scene::SceneData};
 use serde_json::{Value, json};
 
 use crate::{
     Registries,
-    ego::{self, Ego},
-    generators::weight_hashes,
     measure::{
         Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult, Searches,
         Transfers,
     },
-    part::{Part, PolicyPart},
     report::{KINDS, Report},
     rows::{Cell, Key, MetricRecord, Results, Subject},
-    search::{ONE_SHOT, POOL},
-    selection::Selection,
     study::{PairSpec, Study},
 };
 
@@ -49,7 +51,7 @@ fn check_report(
     for PairSpec { with, .. } in &study.report.pairs {
         let is_known = KINDS.contains(&&**with)
             || [POOL, ONE_SHOT].contains(&&**with)
-            || registries.generators.get(with).is_ok();
+            || registries.parts.generators.get(with).is_ok();
         ensure!(
             is_known,
             "`pairs` has `with: {with}`, which is neither a generator nor one of {}",
@@ -94,10 +96,10 @@ impl Plan {
             study.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(anyhow::Error::msg)?;
         // A study without attacks selects nothing.
         let name = if study.selection.is_empty() { "natural" } else { &study.selection };
-        let selection = Selection::of(registries, name, rule.as_ref())?;
+        let selection = Selection::of(&registries.parts, name, rule.as_ref())?;
         let parts: Vec<PolicyPart> =
             study.ego.iter().map(|text| text.parse().map_err(anyhow::Error::msg)).collect::<Result<_>>()?;
-        let egos = Ego::all(&parts, registries)?;
+        let egos = Ego::all(&parts, &registries.parts)?;
         let measures_any = |subjects: &[Subject]| subjects.iter().any(|subject| study.measures(*subject));
         let drives = measures_any(&[Subject::Drive, Subject::AttackedDrive]);
         let searches = measures_any(&[Subject::Search, Subject::Threshold]);

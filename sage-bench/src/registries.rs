@@ -1,24 +1,18 @@
 //! The registries of all parts that commands and studies name.
 
 use sage_backbones::{
-    Backbone, backbones,
     metrics::{PolicyMeasures, policy_metrics, prediction_metrics},
     prediction::Distances,
 };
 use sage_core::{
     Error,
     metric::{MeasuredTrajectory, Metrics, trajectory_metrics},
-    objective::{self, Feasibility, Reward},
     registry::Registry,
 };
-use sage_generators::{GeneratorKind, generators};
-use sage_merging::{Merger, mergers};
 use sage_sim::{
-    avoidable::{Avoidable, LatestStart},
-    environment::{DrivingReward, reward::driving_rewards},
+    avoidable::Avoidable,
     metrics::{MeasuredAttack, attack_metrics, avoidable_metrics, drive_metrics, episode_metrics},
-    policy::{EgoPolicy, policies},
-    rl::{Curriculum, EpisodeRow, SceneSampler, curriculum::curricula, scene_sampler::scene_samplers},
+    rl::EpisodeRow,
     search::{
         MeasuredSearch, MeasuredThreshold, MeasuredTransfer, search_metrics, threshold_metrics,
         transfer_metrics,
@@ -27,28 +21,12 @@ use sage_sim::{
 };
 use theory_checks::{Check, claims};
 
-use crate::{LearnedCriticality, study::SHIPPED};
+use crate::study::SHIPPED;
 
-/// Registries of the parts that commands accept by name.
+/// Parts that attack, drive and train, and what studies and the theory add.
 pub struct Registries {
-    /// Rewards and penalties.
-    pub rewards: Registry<dyn Reward>,
-    /// Feasibility rules.
-    pub feasibilities: Registry<dyn Feasibility>,
-    /// Motion prediction networks.
-    pub backbones: Registry<dyn Backbone>,
-    /// Methods of merging experts.
-    pub mergers: Registry<dyn Merger>,
-    /// Generators of adversarial scenes.
-    pub generators: Registry<dyn GeneratorKind>,
-    /// Driving policies.
-    pub policies: Registry<dyn EgoPolicy>,
-    /// Curricula of closed-loop training.
-    pub curricula: Registry<dyn Curriculum>,
-    /// Scene samplers of closed-loop training.
-    pub scene_samplers: Registry<dyn SceneSampler>,
-    /// Rewards of a driver in training.
-    pub driving_rewards: Registry<dyn DrivingReward>,
+    /// Parts that attack, drive and train.
+    pub parts: advsage::Registries,
     /// Claims of the theory.
     pub claims: Registry<dyn Check>,
     /// Metrics of all kinds of results.
@@ -63,34 +41,10 @@ impl Registries {
     /// *Errors*: [`Error::Duplicate`] if two parts of a kind have the same name.
     pub fn shipped() -> Result<Self, Error> {
         Ok(Self {
-            curricula: curricula()?,
-            scene_samplers: scene_samplers()?,
-            driving_rewards: driving_rewards()?,
+            parts: advsage::Registries::shipped()?,
             claims: claims()?,
             metrics: MetricRegistries::shipped()?,
             studies: SHIPPED.to_vec(),
-            ..Self::of_attacks()?
-        })
-    }
-
-    /// The parts that attack and drive: without studies and their metrics, claims, and what trains drivers. A program that
-    /// needs no others is a seventh smaller.
-    ///
-    /// *Errors*: as [`Registries::shipped`].
-    pub fn of_attacks() -> Result<Self, Error> {
-        Ok(Self {
-            rewards: objective::rewards()?.with::<LatestStart>()?.with::<LearnedCriticality>()?,
-            feasibilities: objective::feasibilities()?,
-            backbones: backbones()?,
-            mergers: mergers()?,
-            generators: generators()?,
-            policies: policies()?,
-            curricula: Registry::new("curriculum"),
-            scene_samplers: Registry::new("scene sampler"),
-            driving_rewards: Registry::new("driving reward"),
-            claims: Registry::new("claim"),
-            metrics: MetricRegistries::default(),
-            studies: Vec::new(),
         })
     }
 }

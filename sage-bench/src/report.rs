@@ -14,6 +14,7 @@ use std::collections::{BTreeSet, HashMap};
 
 use anyhow::Result;
 use rayon::prelude::*;
+use sage_core::text::wrap::wrapped;
 use sage_core::{metric::Aggregate, statistics::Estimate};
 
 pub(crate) use pairs::KINDS;
@@ -25,7 +26,6 @@ use crate::{
     rows::{MetricRecord, Results, Subject},
     study::Study,
     table::{Table, csv},
-    wrap::wrapped,
 };
 
 /// The report as Markdown.

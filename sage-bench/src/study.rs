@@ -1,16 +1,18 @@
 //! A study: what is measured, over which axes, and what its report shows. A study is a file (YAML).
 
 mod report;
+mod search;
 
 use std::collections::BTreeMap;
 
+use advsage::part::PolicyPart;
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_sim::{avoidable::AvoidanceOptions, search::SearchOptions};
 use serde::{Deserialize, Deserializer, Serialize};
 
 pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, ReportSpec, VerdictSpec};
 
-use crate::{part::PolicyPart, rows::Subject};
+use crate::rows::Subject;
 
 /// Studies that are part of the program: name and file.
 pub const SHIPPED: [(&str, &str); 26] = [
@@ -278,7 +280,7 @@ fn names() -> String {
 fn parts<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
     Ok(match ListOrText::deserialize(deserializer)? {
         ListOrText::List(list) => list,
-        ListOrText::Text(text) => crate::part::split(&text),
+        ListOrText::Text(text) => advsage::part::split(&text),
     })
 }
 

@@ -1,6 +1,6 @@
 //! Tables of text: Markdown, CSV, and what fits a terminal.
 
-use crate::wrap::COLUMNS;
+use sage_core::text::wrap::COLUMNS;
 
 /// Most columns and characters of a table in a terminal.
 const MOST_COLUMNS: usize = 8;

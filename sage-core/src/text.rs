@@ -1,5 +1,7 @@
 //! Characters in the words of strangers that must reach no terminal, page or drawing.
 
+pub mod wrap;
+
 use std::{borrow::Cow, fmt::Write as _};
 
 /// True for control characters, and for characters that change the direction of text, are not seen, or are none.

@@ -270,7 +270,7 @@ impl State {
 /// *Errors*: a state that is damaged.
 pub(crate) fn of_state(scene: &SceneData, state: &str) -> Result<Attack> {
     let state: State = serde_json::from_str(state)
-        .map_err(|_| sage_bench::Error::Value("the pickled attack is damaged".to_owned()))?;
+        .map_err(|_| advsage::Error::Value("the pickled attack is damaged".to_owned()))?;
     let candidates = state.candidates.into_iter();
     let candidates = candidates
         .map(|CandidateState(trajectory, log_prob, goal, nll)| Proposal { trajectory, log_prob, goal, nll })

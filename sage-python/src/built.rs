@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
-use sage_bench::{
+use advsage::{
     Error,
     named_generator::{GeneratorSpec, NamedGenerator},
 };
+use anyhow::Result;
 use sage_core::{
     generator::Attack,
     objective::{Context, ContextOptions, FurtherMeasures},

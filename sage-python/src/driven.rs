@@ -103,7 +103,7 @@ impl Driven {
                 check_plan(&ctx, plan, made_for.as_deref())?;
                 AttackPath::of(plan.clone())
             }
-            Attacker::Nobody => return Err(sage_bench::Error::Value("there is no attack".to_owned()).into()),
+            Attacker::Nobody => return Err(advsage::Error::Value("there is no attack".to_owned()).into()),
         };
         let plan = path.trajectory.clone();
         let is_feasible = Scorer::new(&ctx).scores(&ctx.candidate(plan.clone())).feasible;
@@ -121,11 +121,11 @@ fn check_plan(ctx: &Context, plan: &Trajectory, made_for: Option<&str>) -> Resul
     let scene = &ctx.scene().id;
     if let Some(other) = made_for.filter(|other| other != scene) {
         let problem = format!("the attack was made for the scene `{other}`, and this is `{scene}`");
-        return Err(sage_bench::Error::Value(problem).into());
+        return Err(advsage::Error::Value(problem).into());
     }
     let candidate = ctx.candidate(plan.clone());
     check_path([(0, candidate.start().position), (1, candidate.points()[0])]).map_err(|problem| {
-        sage_bench::Error::Value(format!("attack: point 0 {problem}, the adversary's at frame {NOW}"))
+        advsage::Error::Value(format!("attack: point 0 {problem}, the adversary's at frame {NOW}"))
     })?;
     Ok(())
 }

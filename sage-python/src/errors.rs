@@ -158,7 +158,7 @@ fn kind<'e>(cause: &'e (dyn std::error::Error + 'static)) -> Kind<'e> {
     }
     if let Some(error) = cause.downcast_ref() {
         return match error {
-            sage_bench::Error::Unknown(_) => Kind::Unknown,
+            advsage::Error::Unknown(_) => Kind::Unknown,
             _ => Kind::Option,
         };
     }

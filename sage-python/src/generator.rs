@@ -2,13 +2,13 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use advsage::{
+    named_generator::GeneratorSpec, operating_point::OperatingPoints, part::Part, weights::SHIPPED,
+};
 use anyhow::Result;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyType},
-};
-use sage_bench::{
-    named_generator::GeneratorSpec, operating_point::OperatingPoints, part::Part, weights::SHIPPED,
 };
 
 use crate::{

@@ -62,7 +62,7 @@ pub(crate) fn load(
         if path.is_dir() {
             let problem =
                 format!("`{}` is a folder; load_folder reads the scenes of a folder", path.display());
-            return Err(sage_bench::Error::Value(problem).into());
+            return Err(advsage::Error::Value(problem).into());
         }
         let scene = reading.read(&path)?;
         if adversary.is_none() {

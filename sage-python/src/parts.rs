@@ -2,12 +2,13 @@
 
 use std::sync::{Arc, OnceLock};
 
+use advsage::Registries;
+use advsage::{ego::Ego, part::PolicyPart, references, weights::SHIPPED};
 use anyhow::Result;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyString},
 };
-use sage_bench::{Registries, ego::Ego, part::PolicyPart, references, weights::SHIPPED};
 use sage_core::objective::PRESETS;
 use sage_data::procedural::Kind;
 use sage_sim::{policy::EgoPolicy, reference::Reference};
@@ -126,7 +127,7 @@ impl Driver {
     }
 
     fn named(name: &str) -> Result<Self> {
-        let part: PolicyPart = name.parse().map_err(sage_bench::Error::Value)?;
+        let part: PolicyPart = name.parse().map_err(advsage::Error::Value)?;
         let Ego { label, policy, references, .. } = Ego::new(&part, registries()?)?;
         Ok(Self { label, policy: policy.into(), planner: None, references: references.into() })
     }

@@ -302,7 +302,7 @@ impl PyScene {
                         "`{}` ends in neither .pkl nor .safetensors; sage.convert writes other formats",
                         path.display()
                     );
-                    return Err(sage_bench::Error::Value(problem).into());
+                    return Err(advsage::Error::Value(problem).into());
                 }
             };
             let bytes = self.bytes(native)?;

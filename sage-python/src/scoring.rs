@@ -157,7 +157,7 @@ fn rows(ctx: &Context, trajectories: Vec<Trajectory>, avoidable: bool) -> Result
         let prepared = ctx.candidate(trajectory);
         let start = prepared.start().position;
         check_path([(0, start), (1, prepared.points()[0])]).map_err(|problem| {
-            sage_bench::Error::Value(format!(
+            advsage::Error::Value(format!(
                 "candidates: point 0 of candidate {k} {problem}, the adversary's at frame {NOW}"
             ))
         })?;

@@ -2,13 +2,13 @@
 
 use std::sync::{Arc, Mutex};
 
+use advsage::named_search::{NamedSearch, SearchSpec};
 use anyhow::Result;
 use experiments::results::search_rows;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyIterator, PyList},
 };
-use sage_bench::named_search::{NamedSearch, SearchSpec};
 use sage_core::scene::SceneData;
 use sage_sim::{
     Error, PlannerLog, SimScene,

@@ -11,8 +11,8 @@ use experiments::Registries;
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = Registries::shipped()?;
-        registries.rewards = registries.rewards.with::<reward::SpeedUp>()?;
-        registries.policies = registries.policies.with::<policy::Steady>()?;
+        registries.parts.rewards = registries.parts.rewards.with::<reward::SpeedUp>()?;
+        registries.parts.policies = registries.parts.policies.with::<policy::Steady>()?;
         registries.metrics.trajectory = registries.metrics.trajectory.with(metric::top_speed())?;
         Ok(registries)
     })

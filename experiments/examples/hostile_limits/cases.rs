@@ -6,6 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
+use crate::scenes::{CRAFTED, crafted, to_file};
 use flate2::{Compression, write::GzEncoder};
 use sage_core::{scene::Scene, seed::Rng};
 use sage_data::{Recording, womd};
@@ -15,7 +16,6 @@ use crate::{
     bytes::{TensorFile, damaged, with_other_numbers},
     child::{self, Limits, Used},
     recipe,
-    scenes::{CRAFTED, crafted, to_file},
 };
 
 /// Names of the kinds.

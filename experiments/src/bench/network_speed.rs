@@ -2,6 +2,7 @@
 
 use std::{hint::black_box, path::PathBuf, sync::Arc, time::Instant};
 
+use advsage::{Registries, generators::Generators, part::Part, selection};
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_backbones::{
@@ -23,7 +24,7 @@ use sage_core::{
 use sage_merging::InterpolatedModel;
 use sage_sim::avoidable::{Avoidance, AvoidanceOptions};
 
-use crate::{Registries, generators::Generators, networks, part::Part, selection};
+use crate::networks;
 
 use super::timing::{CANDIDATES, Data, Timing, measure, timing};
 

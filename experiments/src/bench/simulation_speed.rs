@@ -6,6 +6,7 @@ use std::{
     time::Instant,
 };
 
+use advsage::ego::Ego;
 use anyhow::{Context as _, Result};
 use sage_core::{scene::SceneIndex, seed::Rng};
 use sage_sim::{
@@ -21,7 +22,6 @@ use sage_sim::{
 use serde_json::json;
 
 use super::timing::{Data, Timing, timing};
-use crate::ego::Ego;
 
 /// Steps that one row times.
 const STEPS: f64 = 1000.0;

@@ -9,6 +9,7 @@ use std::{
     time::Instant,
 };
 
+use advsage::ego::Ego;
 use anyhow::{Context as _, Result, bail};
 use sage_core::{
     motion::{DT, HORIZON, NOW, Trajectory},
@@ -21,7 +22,6 @@ use sage_core::{
 use sage_data::{Recording, checks::Summary, folder, pickle::Document, womd};
 
 pub use super::timing::{CANDIDATES, Data, Timing};
-use crate::ego::Ego;
 
 use super::{
     learning_speed, network_speed, simulation_speed,

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
+use advsage::part::PolicyPart;
 use clap::{Args, Subcommand};
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
     help::{DRIVER, OUTPUT, RUN, SCENE, TRAINING},
 };
-use crate::part::PolicyPart;
 
 /// Adversaries with learned parts.
 #[derive(Debug, Subcommand)]

@@ -2,6 +2,10 @@
 
 use std::path::PathBuf;
 
+use advsage::{
+    operating_point::OperatingPoints,
+    part::{Part, PolicyPart},
+};
 use clap::{Args, ValueEnum};
 use sage_data::{
     dataset::Shard,
@@ -16,10 +20,6 @@ use super::{
     help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION},
     number,
     reading::ReadingArgs,
-};
-use crate::{
-    operating_point::OperatingPoints,
-    part::{Part, PolicyPart},
 };
 
 /// Generate adversarial scenes: replace the adversary's future, keep everything else.

@@ -1,10 +1,10 @@
 //! Arguments of the search for evasive manoeuvres.
 
+use advsage::latest_start;
 use clap::Args;
 use sage_sim::avoidable::AvoidanceOptions;
 
 use super::number;
-use crate::latest_start;
 
 /// Name of the preset of comfortable limits.
 const COMFORTABLE: &str = "comfortable";

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use advsage::part::{Part, PolicyPart, PolicyParts};
 use clap::Args;
 use sage_data::dataset::Shard;
 
@@ -9,7 +10,6 @@ use super::{
     AttackArgs, FolderArgs, ReadingArgs,
     help::{ATTACK, DRIVER, OUTPUT, RUN},
 };
-use crate::part::{Part, PolicyPart, PolicyParts};
 
 /// Drive scenes with policies, with or without an attack, and watch the drives.
 ///

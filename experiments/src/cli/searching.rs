@@ -2,6 +2,10 @@
 
 use std::path::PathBuf;
 
+use advsage::{
+    part::{Part, PolicyPart},
+    references,
+};
 use clap::{
     Args, ValueEnum,
     builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
@@ -20,10 +24,6 @@ use super::{
     avoiding::AvoidableArgs,
     converting::{ego_modes, standards},
     help::{ATTACK, DRIVER, OUTPUT, RUN, SEARCH, SELECTION},
-};
-use crate::{
-    part::{Part, PolicyPart},
-    references,
 };
 
 /// Search for failures of a driver: drive against many plans of the adversary.

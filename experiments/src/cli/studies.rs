@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use advsage::part::PolicyParts;
 use clap::Args;
 use sage_data::dataset::Shard;
 
@@ -10,7 +11,6 @@ use super::{
     avoiding::AvoidableArgs,
     help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION, STUDY},
 };
-use crate::part::PolicyParts;
 
 /// Run a study: measure what it names over its axes, and report it.
 ///

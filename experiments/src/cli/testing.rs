@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use advsage::part::PolicyPart;
 use clap::{Args, ValueEnum};
 use sage_sim::search::suite::MOST_TESTS;
 
@@ -9,7 +10,6 @@ use super::{
     FolderArgs, PlannerArgs, SearchFormat,
     help::{DRIVER, OUTPUT, RUN, SELECTION},
 };
-use crate::part::PolicyPart;
 
 /// Make a page of the failures that searches found.
 ///

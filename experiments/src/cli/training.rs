@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use advsage::part::{Part, PolicyPart, split};
 use clap::Args;
 use sage_core::registry::{Entry, Registry};
 use sage_sim::environment::{DrivingReward, RewardSum, reward::Published};
@@ -11,7 +12,6 @@ use super::{
     attacking::MergerArgs,
     help::{ATTACK, OUTPUT, RUN, SCENE, SELECTION, TRAINING},
 };
-use crate::part::{Part, PolicyPart, split};
 
 /// Train a driving policy, alone or against an adversary (SAGE, algorithm 2).
 ///

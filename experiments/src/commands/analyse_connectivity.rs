@@ -2,6 +2,7 @@
 
 mod components;
 
+use advsage::Registries;
 use anyhow::{Context as _, Result};
 use sage_bench::{
     chart::{
@@ -11,15 +12,14 @@ use sage_bench::{
     table::{Table, csv},
 };
 use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, REALISTIC};
-
-use self::components::Components;
-use crate::{
-    Outcome, Registries,
-    cli::ConnectivityArgs,
-    networks,
+use sage_run::{
+    Outcome,
     output::{self, Folder},
     progress,
 };
+
+use self::components::Components;
+use crate::{cli::ConnectivityArgs, networks};
 
 /// The page as Markdown.
 const PAGE: &str = "connectivity.md";

@@ -2,15 +2,17 @@
 
 use std::io::Write;
 
-use anyhow::Result;
-
-use crate::{
-    Outcome, Registries,
-    bench::speed::{self, Data, Timing},
-    cli::SpeedArgs,
+use advsage::{
+    Registries,
     ego::Ego,
     part::{PolicyPart, PolicyParts},
-    terminal,
+};
+use anyhow::Result;
+use sage_run::{Outcome, terminal};
+
+use crate::{
+    bench::speed::{self, Data, Timing},
+    cli::SpeedArgs,
 };
 
 /// The scene in the binary, for a measurement without data.

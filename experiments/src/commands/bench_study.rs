@@ -5,6 +5,7 @@ mod measured;
 
 use std::{path::Path, sync::Arc};
 
+use advsage::selection::Selection;
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_backbones::Backbone;
 use sage_bench::{
@@ -15,22 +16,24 @@ use sage_bench::{
     rows::{Results, Subject},
     runner::{self, Observer},
     study::{MAX_STUDY_FILE, Study},
-    wrap::wrapped,
 };
 use sage_core::files;
+use sage_core::text::wrap::wrapped;
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
-use serde_json::json;
-
-use crate::{
-    Outcome, Registries,
-    cli::{ReportArgs, StudyArgs},
-    networks,
+use sage_run::{
+    Outcome,
     outcome::EndsWith,
     output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord},
     progress::{self, Progress, count},
     scenes::Scenes,
-    selection::Selection,
+};
+use serde_json::json;
+
+use crate::{
+    Registries,
+    cli::{ReportArgs, StudyArgs},
+    networks,
 };
 
 use measured::{ChosenScenes, RESULTS, StoredResults, described, records, result_file, short_names};
@@ -148,7 +151,7 @@ pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Resu
     if paths.is_empty() && procedural == 0 {
         bail!("name scenes, or a number of procedural ones with --procedural");
     }
-    let all = Scenes::of(&paths, &args.split, procedural, plan.study.scene_seed)?;
+    let all = Scenes::of(&paths, &args.split.filter(), procedural, plan.study.scene_seed)?;
     let paths = all.names();
     let names = short_names(&paths);
     let own: Vec<usize> = (0..names.len()).filter(|number| is_own(part, &names[*number])).collect();
@@ -265,7 +268,7 @@ fn show_again(args: &StudyArgs, run: &DatasetRun, scenes: &Scenes, out: &Path) -
     let (record, results) = read(out)?;
     let report = Report::new(&record.study, &results)?;
     output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
-    let failed = crate::scenes::outcome_without(failed_scenes(&results));
+    let failed = sage_run::scenes::outcome_without(failed_scenes(&results));
     Ok(if failed == Outcome::Done { scenes.outcome() } else { failed })
 }
 
@@ -314,7 +317,7 @@ pub(crate) fn report(args: &ReportArgs, registries: &Registries) -> Result<Outco
         files_of(&report),
         args.folder.out.display()
     ));
-    Ok(crate::scenes::outcome_without(failed_scenes(&results)))
+    Ok(sage_run::scenes::outcome_without(failed_scenes(&results)))
 }
 
 /// Number of scenes in which something failed.
@@ -357,11 +360,11 @@ struct Weights<'r>(&'r Registries);
 
 impl ExpertSource for Weights<'_> {
     fn network(&self, name: &str) -> Result<Arc<dyn Backbone>> {
-        Ok(networks::load(&self.0.backbones, name)?.network.into())
+        Ok(networks::load(&self.0.parts.backbones, name)?.network.into())
     }
 
     fn experts(&self, name: &str) -> Result<ExpertSet> {
-        networks::load_experts(&self.0.backbones, name)
+        networks::load_experts(&self.0.parts.backbones, name)
     }
 
     fn dial(

@@ -5,22 +5,20 @@ mod attack_grid;
 
 use std::{collections::HashSet, sync::Arc};
 
+use advsage::{Registries, generators::Generators, selection::Selection};
 use anyhow::{Context as _, Result, ensure};
 use sage_bench::curve::Linearity;
 use sage_core::objective::PartSpec;
 use sage_generators::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
-
-use self::attack_grid::AttackGrid;
-use crate::{
-    Outcome, Registries,
-    cli::CalibrateArgs,
-    generators::Generators,
-    networks,
+use sage_run::{
+    Outcome,
     output::{self, OutputFile},
     progress::{self, Progress},
     scenes::Scenes,
-    selection::Selection,
 };
+
+use self::attack_grid::AttackGrid;
+use crate::{cli::CalibrateArgs, networks};
 
 /// Number of aggressions at which a dial is evaluated.
 const AGGRESSIONS: usize = 11;
@@ -39,7 +37,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     ensure!(names.len() == selections.len(), "a selection is named twice");
     let generators = Generators::new(registries, &args.merging.merger, &selections[0], args.seed)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let scenes = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
+    let scenes = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?.attackable()?;
     let mut dials = Dials::default();
     let mut progress = Progress::new("evaluated", scenes.len());
     let all = aggressions();

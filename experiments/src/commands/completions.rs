@@ -1,8 +1,9 @@
 //! `sage completions`: prints a completion script for a shell.
 
 use anyhow::Result;
+use sage_run::Outcome;
 
-use crate::{Cli, Outcome};
+use crate::Cli;
 
 pub(crate) fn run(shell: clap_complete::Shell) -> Result<Outcome> {
     let mut script = Vec::new();

@@ -12,15 +12,14 @@ use std::{
 
 use anyhow::Result;
 use sage_data::{stream::Inputs, womd};
-use serde_json::{Value, json};
-
-use crate::{
-    Outcome,
-    cli::{ConvertArgs, ConvertFormat},
-    input,
+use sage_run::{
+    Outcome, input,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, ShardState},
     progress::{Progress, count},
 };
+use serde_json::{Value, json};
+
+use crate::cli::{ConvertArgs, ConvertFormat};
 
 /// Notes that are printed. Those of an OpenSCENARIO file are also in its map.
 const MOST_NOTES: usize = 12;

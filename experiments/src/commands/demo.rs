@@ -1,15 +1,16 @@
 //! `sage demo`: generates procedural scenes and attacks them at five aggressions.
 
+use advsage::Registries;
 use anyhow::{Result, bail};
 use clap::Parser;
-
-use super::{generate, scenes};
-use crate::{
-    Outcome, Registries,
-    cli::{Cli, Command, DemoArgs},
+use sage_run::{
+    Outcome,
     output::{Folder, Part},
     progress,
 };
+
+use super::{generate, scenes};
+use crate::cli::{Cli, Command, DemoArgs};
 
 /// Six scenes of each kind.
 const SCENES: &str = "42";

@@ -7,15 +7,10 @@ use sage_core::{
     objective::{Context, ContextOptions},
     scene::{Scene, SceneIndex},
 };
+use sage_run::{Outcome, input, output::OutputFile};
+use sage_view::drawing::{self, DrawnPath, Picture, drawn_path};
 
-use crate::{
-    Outcome, candidates,
-    candidates::NamedCandidate,
-    cli::DrawArgs,
-    drawing::{self, DrawnPath, Picture, drawn_path},
-    input,
-    output::OutputFile,
-};
+use crate::{candidates, candidates::NamedCandidate, cli::DrawArgs};
 
 pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
     let out = OutputFile::claim(&args.out, args.force)?;

@@ -10,21 +10,23 @@ use std::{
     sync::Arc,
 };
 
+use advsage::Registries;
 use anyhow::{Result, bail, ensure};
 use sage_core::{
     objective::{Context, ContextOptions},
     scene::{Scene, SceneIndex},
 };
 use sage_data::{Recording, checks};
+use sage_run::{
+    Outcome,
+    output::{self, OutputFile},
+    progress, terminal,
+};
 
 use super::search::SceneRow;
 use crate::{
-    Outcome, Registries,
     cli::{ExplainArgs, Values},
-    output::{self, OutputFile},
-    progress,
     run_generator::RunGenerator,
-    terminal,
 };
 use attack_row::AttackRow;
 use explanation::Explanation;

@@ -6,6 +6,7 @@ mod options;
 
 use std::{sync::Arc, time::Instant};
 
+use advsage::{Registries, weights::NamedNetwork};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
@@ -15,22 +16,21 @@ use sage_backbones::{
     training::{CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune},
     weights::PRIOR_FILE,
 };
-use sage_bench::{table::Table, weights::NamedNetwork};
+use sage_bench::table::Table;
 use sage_core::{objective::Objective, scene::SceneData};
 use sage_generators::DIAL_FILE;
 use sage_merging::{ExpertFile, ExpertSet};
-use serde_json::{Map, Value, json};
-
-use options::{EDGES, Expert, RunOptions};
-
-use crate::{
-    Outcome, Registries,
-    cli::FinetuneArgs,
-    networks,
+use sage_run::{
+    Outcome,
     output::{self, Run, RunState},
     progress,
     scenes::{self, Scenes},
 };
+use serde_json::{Map, Value, json};
+
+use options::{EDGES, Expert, RunOptions};
+
+use crate::{cli::FinetuneArgs, networks};
 
 /// Maximum number of prepared scenes in memory, about 12 GB.
 const MOST_PREPARED: usize = 8192;
@@ -74,7 +74,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     networks::announce(&loaded);
     let shared: Arc<dyn Backbone> = loaded.network.into();
     let prior = &*shared;
-    let training = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?;
+    let training = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?;
     let validation = args.dev.as_ref().map(|dev| Scenes::under(std::slice::from_ref(dev))).transpose()?;
     let train = training.read_all()?;
     let dev = validation.as_ref().map(Scenes::read_all).transpose()?.unwrap_or_default();

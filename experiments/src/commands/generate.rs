@@ -13,16 +13,17 @@ mod view;
 
 use std::path::{Path, PathBuf};
 
+use advsage::Registries;
 use anyhow::Result;
 use rayon::prelude::*;
-
-use crate::{
-    Outcome, Registries,
-    cli::GenerateArgs,
+use sage_run::{
+    Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, State},
     progress,
     scene_queue::{self, Input, Report, Scenes, Worked, is_row_of},
 };
+
+use crate::cli::GenerateArgs;
 
 use attack::attack_scene;
 use found_row::FoundRow;
@@ -106,7 +107,7 @@ fn print_table(plan: &Plan, folder: &Path, run_hash: &str, own: &[&Input], json:
     let empty = || Tallied { of_variant: vec![Tally::default(); plan.variants().len()], without: None };
     let all = (0..own.len()).into_par_iter().fold(empty, tallied).reduce(empty, Tallied::and);
     if own.len() * plan.variants().len() > 1 {
-        output::print_table(&summary::table(plan, &all.of_variant), json)?;
+        crate::printing::print_table(&summary::table(plan, &all.of_variant), json)?;
     }
     if let Some((number, _, file, has_no_scene)) = all.without {
         let of = if has_no_scene { format!(" --of {}", own[number].file.display()) } else { String::new() };

@@ -14,9 +14,10 @@ use sage_data::{
     stream::{Inputs, Item, map_in_order},
     womd::is_record_path,
 };
+use sage_run::{Outcome, progress, terminal};
 use serde_json::json;
 
-use crate::{Outcome, cli::InspectArgs, progress, terminal};
+use crate::cli::InspectArgs;
 
 /// Summary of a scene after reading.
 struct SceneRow {

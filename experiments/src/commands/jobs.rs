@@ -5,12 +5,12 @@ use std::path::Path;
 use anyhow::Result;
 use clap::{Parser as _, error::ErrorKind};
 use sage_data::dataset::Shard;
-
-use crate::{
+use sage_run::{
     Outcome,
-    cli::{Cli, Command, JobsArgs, Scheduler},
     output::{self, quoted},
 };
+
+use crate::cli::{Cli, Command, JobsArgs, Scheduler};
 
 const SLURM: &str = include_str!("jobs/slurm.sh");
 const KUBERNETES: &str = include_str!("jobs/kubernetes.yaml");

@@ -4,13 +4,16 @@ use std::{io, path::Path};
 
 use anyhow::{Context as _, Result, bail};
 use clap::Parser as _;
+use sage_run::{
+    Outcome,
+    output::{self, Part, RECORD},
+    progress,
+};
 
 use super::{bench_study, convert, generate, search, simulate};
 use crate::{
-    Outcome, Registries,
+    Registries,
     cli::{Cli, Command, JoinArgs},
-    output::{self, Part, RECORD},
-    progress,
 };
 
 /// Runs the command that the folder records, as the join of its shards.
@@ -24,9 +27,9 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
     words.splice(2..2, ["--out".to_owned(), folder.clone()]);
     let no_such = || format!("`{folder}` was not begun by this version of sage: its command is `{command}`");
     let joined = match Cli::try_parse_from(&words).with_context(no_such)?.command {
-        Command::Generate(args) => generate::run(&args, Part::Join, registries),
-        Command::Simulate(args) => simulate::run(&args, Part::Join, registries),
-        Command::Search(args) => search::run(&args, Part::Join, registries),
+        Command::Generate(args) => generate::run(&args, Part::Join, &registries.parts),
+        Command::Simulate(args) => simulate::run(&args, Part::Join, &registries.parts),
+        Command::Search(args) => search::run(&args, Part::Join, &registries.parts),
         Command::Convert(args) => convert::run(&args, Part::Join),
         Command::Bench(args) if args.command.is_none() => {
             bench_study::run(&args.study, Part::Join, registries)

@@ -3,29 +3,30 @@
 use std::io::Write;
 
 use anyhow::Result;
-use sage_bench::wrap::wrapped;
+use sage_core::text::wrap::wrapped;
 use sage_core::{
     objective::{ObjectiveSpec, PRESETS},
     registry::Registry,
 };
 use sage_generators::GeneratorKind;
+use sage_run::Outcome;
 use sage_sim::policy::EgoPolicy;
 use serde_json::{Value, json};
 
-use crate::{Outcome, Registries};
+use crate::Registries;
 
 pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     let mut out = std::io::stdout().lock();
-    print(&mut out, &registries.rewards, as_json)?;
-    print(&mut out, &registries.feasibilities, as_json)?;
+    print(&mut out, &registries.parts.rewards, as_json)?;
+    print(&mut out, &registries.parts.feasibilities, as_json)?;
     objectives(&mut out, as_json)?;
-    print(&mut out, &registries.backbones, as_json)?;
-    print(&mut out, &registries.mergers, as_json)?;
-    generators(&mut out, &registries.generators, as_json)?;
-    policies(&mut out, &registries.policies, as_json)?;
-    print(&mut out, &registries.curricula, as_json)?;
-    print(&mut out, &registries.scene_samplers, as_json)?;
-    print(&mut out, &registries.driving_rewards, as_json)?;
+    print(&mut out, &registries.parts.backbones, as_json)?;
+    print(&mut out, &registries.parts.mergers, as_json)?;
+    generators(&mut out, &registries.parts.generators, as_json)?;
+    policies(&mut out, &registries.parts.policies, as_json)?;
+    print(&mut out, &registries.parts.curricula, as_json)?;
+    print(&mut out, &registries.parts.scene_samplers, as_json)?;
+    print(&mut out, &registries.parts.driving_rewards, as_json)?;
     print(&mut out, &registries.claims, as_json)?;
     Ok(Outcome::Done)
 }

@@ -2,6 +2,7 @@
 
 use std::{io::Write, sync::Arc};
 
+use advsage::Registries;
 use anyhow::{Context as _, Result};
 use sage_backbones::{
     candidates::Selection,
@@ -15,15 +16,13 @@ use sage_core::{
     seed::Rng,
 };
 use sage_data::{Recording, checks};
+use sage_run::{Outcome, input, output::OutputFile, progress, terminal};
+use sage_view::drawing::{self, DrawnPath, Picture};
 use serde::Serialize;
 
 use crate::{
-    Outcome, Registries,
     cli::{PredictArgs, SelectArg},
-    drawing::{self, DrawnPath, Picture},
-    input, networks,
-    output::OutputFile,
-    progress, terminal,
+    networks,
 };
 
 #[derive(Serialize)]

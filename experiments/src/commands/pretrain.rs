@@ -4,6 +4,7 @@ mod curve;
 
 use std::time::{Duration, Instant};
 
+use advsage::Registries;
 use anyhow::{Context as _, Result};
 use sage_backbones::{
     Backbone,
@@ -11,16 +12,15 @@ use sage_backbones::{
     training::{EpochRow, Observer, PretrainOptions, pretrain},
     weights::PRIOR_FILE,
 };
-use serde_json::json;
-
-use crate::{
-    Outcome, Registries,
-    cli::PretrainArgs,
-    input, networks,
+use sage_run::{
+    Outcome, input,
     output::{self, Folder, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
 };
+use serde_json::json;
+
+use crate::{cli::PretrainArgs, networks};
 
 /// File of the training state.
 const STATE: &str = "last.safetensors";

@@ -9,24 +9,26 @@ use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{files, geometry::Aabb};
 use sage_data::Recording;
+use sage_run::{
+    Outcome,
+    outcome::{caught, without_defects},
+    output::Folder,
+    progress,
+};
+use sage_view::{
+    html_page,
+    listing::{
+        self, ListedScene,
+        road::{self, RoadLine},
+    },
+};
 use serde::Serialize;
 
 use super::search::{
     SceneRow,
     found::{FailureFile, FailureScene, Found, without_folders},
 };
-use crate::{
-    Outcome,
-    cli::{FailureReportArgs, Keep},
-    html_page,
-    listing::{
-        self, ListedScene,
-        road::{self, RoadLine},
-    },
-    outcome::{caught, without_defects},
-    output::Folder,
-    progress,
-};
+use crate::cli::{FailureReportArgs, Keep};
 use entry::Entry;
 
 /// The page that lists all failures.

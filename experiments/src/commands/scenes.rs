@@ -8,13 +8,13 @@ use sage_data::{
     Recording,
     procedural::{self, Kind},
 };
-
-use crate::{
+use sage_run::{
     Outcome,
-    cli::{Format, ScenesArgs},
     output::Folder,
     progress::{Progress, count},
 };
+
+use crate::cli::{Format, ScenesArgs};
 
 /// Scenes generated between two progress reports.
 const WINDOW: u64 = 64;

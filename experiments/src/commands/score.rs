@@ -2,19 +2,20 @@
 
 use std::{io::Write, sync::Arc};
 
+use advsage::Registries;
 use anyhow::{Result, anyhow};
 use sage_core::{
     motion::{NOW, check_path},
     objective::{Context, ContextOptions, FurtherMeasures, Scorer, Scores, Sizes},
     scene::SceneIndex,
 };
+use sage_run::{Outcome, terminal};
 use sage_sim::avoidable::{Avoidable, Avoidance};
 use serde::Serialize;
 
 use crate::{
-    Outcome, Registries, candidates,
+    candidates,
     cli::{ScoreArgs, SizesArg},
-    terminal,
 };
 
 #[derive(Serialize)]

@@ -9,15 +9,16 @@ mod summary;
 
 use std::path::Path;
 
+use advsage::Registries;
 use anyhow::{Result, bail};
-
-use crate::{
-    Outcome, Registries,
-    cli::{Keep, SearchArgs},
+use sage_run::{
+    Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part},
     progress,
     scene_queue::{self, Input, Report, Scenes, Worked, is_row_of},
 };
+
+use crate::cli::{Keep, SearchArgs};
 
 pub(super) use row::{SceneRow, failure_name, row_file, unchanged_file};
 use scene::{picture_file, search_scene};

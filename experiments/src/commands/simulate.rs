@@ -10,19 +10,21 @@ mod summary;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
-use serde_json::{Value, json};
-
-use crate::{
-    Outcome, Registries,
-    cli::SimulateArgs,
+use advsage::{
+    Registries,
     ego::{self, Ego},
-    output::{self, Counts, DatasetRun, Ended, LONGEST_FILE_NAME, MANIFEST, Part, RECORD},
     part::{PolicyPart, PolicyParts},
+};
+use anyhow::{Result, bail};
+use sage_run::{
+    Outcome,
+    output::{self, Counts, DatasetRun, Ended, LONGEST_FILE_NAME, MANIFEST, Part, RECORD},
     progress,
-    run_generator::RunGenerator,
     scene_queue::{self, Input, Report, Scenes, Worked},
 };
+use serde_json::{Value, json};
+
+use crate::{cli::SimulateArgs, run_generator::RunGenerator};
 
 use attack_file::AttackFile;
 use scene::{page_file, simulate_scene};
@@ -200,7 +202,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
         }
     }
     if let Some(table) = summary::table(&simulation, &folder, &scenes.reported_by(part), &hash) {
-        output::print_table(&table, args.json)?;
+        crate::printing::print_table(&table, args.json)?;
     }
     let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
     if worked.has_results() && out.join(&page).is_file() {

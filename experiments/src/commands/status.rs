@@ -5,16 +5,16 @@ use std::{collections::BTreeSet, path::Path};
 use anyhow::Result;
 use sage_core::files::OutputLock;
 use sage_data::dataset::Shard;
-use serde::Serialize;
-
-use super::join::recorded_command;
-use crate::{
+use sage_run::{
     Outcome,
-    cli::StatusArgs,
     output::{self, Claims, Counts, State, ranges},
     progress::count,
     terminal,
 };
+use serde::Serialize;
+
+use super::join::recorded_command;
+use crate::cli::StatusArgs;
 
 /// Most scenes of a kind, and most problems, that are printed as text; JSON has all.
 const MOST_PRINTED: usize = 20;
@@ -107,7 +107,7 @@ impl Status {
         };
         let with = |state: State| -> Vec<Reason> {
             let records = claims.scenes.iter().filter_map(|name| claims.records.get(name));
-            let reason = |record: &crate::output::SceneRecord| Reason {
+            let reason = |record: &sage_run::output::SceneRecord| Reason {
                 scene: record.scene.clone(),
                 reason: record.reason.clone(),
             };

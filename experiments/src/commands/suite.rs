@@ -4,9 +4,16 @@ mod upgrade;
 
 use std::collections::{HashMap, HashSet};
 
+use advsage::Registries;
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
 use sage_data::{Recording, dataset};
+use sage_run::{
+    Outcome,
+    outcome::{caught, without_defects},
+    output::{self, Folder},
+    progress,
+};
 use sage_sim::search::{
     Features,
     features::{Spread, diverse},
@@ -18,12 +25,8 @@ use super::search::{
     found::{FailureFile, FailureScene, Found, json, without_folders},
 };
 use crate::{
-    Outcome, Registries,
     attacked_files::{Attack, AttackedFiles, Formats},
     cli::{Keep, SearchFormat, SuiteArgs},
-    outcome::{caught, without_defects},
-    output::{self, Folder},
-    progress,
 };
 
 /// File of a suite.

@@ -4,10 +4,17 @@ mod row;
 
 use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
 
+use advsage::{Registries, ego::Ego};
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use rayon::prelude::*;
 use sage_core::{files, objective::Feasibility, scene::SceneIndex};
 use sage_data::{MAX_SCENE_FILE, Recording};
+use sage_run::{
+    Outcome,
+    outcome::caught,
+    output::{OutputFile, RECORD},
+    progress, terminal,
+};
 use sage_sim::{
     SimScene,
     search::{
@@ -17,15 +24,7 @@ use sage_sim::{
 };
 
 use super::suite::FILE;
-use crate::{
-    Outcome, Registries,
-    cli::TestArgs,
-    ego::Ego,
-    junit,
-    outcome::caught,
-    output::{OutputFile, RECORD},
-    progress, terminal,
-};
+use crate::{cli::TestArgs, junit};
 
 use row::{EarlierRow, ResultRow, TestResult};
 

@@ -10,18 +10,18 @@ use std::{
 
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
-use sage_bench::wrap::wrapped;
-use serde_json::json;
-use theory_checks::{Check, Report, Setup, Verdict, caught};
-
-use self::{diagnostics::Diagnostic, page::Page};
-use crate::{
-    Outcome, Registries,
-    cli::TheoryArgs,
+use sage_core::text::wrap::wrapped;
+use sage_run::{
+    Outcome,
     output::{self, Folder},
     progress::{self, Progress},
     scenes,
 };
+use serde_json::json;
+use theory_checks::{Check, Report, Setup, Verdict, caught};
+
+use self::{diagnostics::Diagnostic, page::Page};
+use crate::{Registries, cli::TheoryArgs};
 
 /// Share of the instances with which injected faults run for a page.
 const INJECTED_SHARE: usize = 10;
@@ -61,7 +61,7 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
     // A folder that cannot be written to is an error before the work.
     let folder = args.out.as_ref().map(|out| Folder::make(out, args.force)).transpose()?;
     // Scenes that cannot be read are an error before the claims, which take longer.
-    let found = args.data.is_some().then(|| diagnostics::run(args, registries)).transpose()?;
+    let found = args.data.is_some().then(|| diagnostics::run(args, &registries.parts)).transpose()?;
     let failed = found.as_ref().map_or(0, |(.., failed)| *failed);
     let diagnostics = found.map(|(subject, diagnostics, _)| (subject, diagnostics));
     let progress = Mutex::new(Progress::new("checked", claims.len()));

@@ -15,9 +15,20 @@ use std::{
     time::Instant,
 };
 
+use advsage::{driver_search::DriverSearch, search::rule};
+use advsage::{
+    generators::{BuiltGenerator, Generators, weight_hashes},
+    part::Part,
+    selection::Selection,
+};
 use anyhow::{Context as _, Result, bail};
-use sage_bench::{driver_search::DriverSearch, search::rule};
 use sage_core::scene::{SceneData, SceneIndex};
+use sage_run::{
+    Outcome,
+    output::{self, Run, RunState},
+    progress,
+    scenes::{self, Scenes, with_other_egos},
+};
 use sage_sim::{
     SimScene,
     policy::EgoPolicy,
@@ -27,15 +38,9 @@ use serde_json::{Value, json};
 
 use self::{chosen::Chosen, columns::Columns, trained::Trained};
 use crate::{
-    Outcome, Registries,
+    Registries,
     cli::{EgosName, SplitArgs, TrainEgoArgs},
-    generators::{BuiltGenerator, Generators, weight_hashes},
     networks,
-    output::{self, Run, RunState},
-    part::Part,
-    progress,
-    scenes::{self, Scenes, with_other_egos},
-    selection::Selection,
 };
 
 /// Name for no generator.
@@ -73,18 +78,19 @@ struct Shared<'a> {
 
 pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let Chosen { options, egos, procedural_share, teacher } = Chosen::of(args, &registries.driving_rewards)?;
-    args.curriculum.build(&registries.curricula)?;
-    args.sampler.build(&registries.scene_samplers)?;
+    let Chosen { options, egos, procedural_share, teacher } =
+        Chosen::of(args, &registries.parts.driving_rewards)?;
+    args.curriculum.build(&registries.parts.curricula)?;
+    args.sampler.build(&registries.parts.scene_samplers)?;
     let taught_by = teacher.as_ref().map(|teacher| teacher.0.to_string());
-    let teacher = teacher.map(|teacher| teacher.0.build(&registries.policies)).transpose()?;
+    let teacher = teacher.map(|teacher| teacher.0.build(&registries.parts.policies)).transpose()?;
     if teacher.as_ref().is_some_and(|teacher| teacher.is_recording()) {
         bail!(
             "--teacher: a recording shows no steering and throttle to imitate; name a policy that drives, such as expert"
         );
     }
-    let selection = Selection::of(registries, &args.selection, None)?;
-    let mut generators = Generators::new(registries, &args.merging.merger, &selection, 0)?;
+    let selection = Selection::of(&registries.parts, &args.selection, None)?;
+    let mut generators = Generators::new(&registries.parts, &args.merging.merger, &selection, 0)?;
     let parts = [&args.method, &args.eval_method].map(|part| Some(part).filter(|p| p.name != NONE));
     let needs_experts = |part: Option<&Part>| -> Result<bool> {
         Ok(part.map(|part| generators.facts(part)).transpose()?.is_some_and(|facts| facts.needs_experts))
@@ -92,7 +98,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let [of_attacker, of_examiner] = [needs_experts(parts[0])?, needs_experts(parts[1])?];
     let mut used = Value::Null;
     if of_attacker || of_examiner {
-        let experts = networks::load_experts(&registries.backbones, &args.weights)?;
+        let experts = networks::load_experts(&registries.parts.backbones, &args.weights)?;
         used = json!({"name": args.weights, "hashes": weight_hashes(&experts)?});
         generators = generators.with_experts(&experts);
     }
@@ -199,7 +205,7 @@ fn searching(generator: BuiltGenerator, drives: usize, registries: &Registries) 
             generator.label()
         );
     }
-    Ok(Box::new(DriverSearch::new(generator, rule(registries, None)?, drives)))
+    Ok(Box::new(DriverSearch::new(generator, rule(&registries.parts, None)?, drives)))
 }
 
 /// Scenes that can be driven, and how many failed.
@@ -210,7 +216,7 @@ fn scenes(
     seed: u64,
     needs_adversary: bool,
 ) -> Result<(Vec<SceneData>, usize)> {
-    let all = Scenes::of(paths, split, procedural, seed)?;
+    let all = Scenes::of(paths, &split.filter(), procedural, seed)?;
     let all = if needs_adversary { all.attackable()? } else { all.known()? };
     let mut loaded = all.read_all()?;
     loaded.retain(|data| match SimScene::new(data.scene.clone(), data.index.clone()) {

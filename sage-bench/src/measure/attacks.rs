@@ -4,6 +4,7 @@ mod metrics;
 
 use std::{path::Path, sync::Arc, time::Instant};
 
+use advsage::{ego::Ego, generators::BuiltGenerator, latest_start};
 use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
@@ -30,9 +31,6 @@ use super::{
 };
 use crate::{
     Registries,
-    ego::Ego,
-    generators::BuiltGenerator,
-    latest_start,
     rows::{Cell, Key, Subject},
     study::{PlannedAgainst, Study},
 };
@@ -99,8 +97,12 @@ impl Attacks {
             known.any(|known| known == *name)
         };
         let of_parts: Vec<String> = names.iter().filter(|name| !is_built_in(name)).cloned().collect();
-        let further =
-            FurtherMeasures::listed(&registries.rewards, &registries.feasibilities, spec, &of_parts)?;
+        let further = FurtherMeasures::listed(
+            &registries.parts.rewards,
+            &registries.parts.feasibilities,
+            spec,
+            &of_parts,
+        )?;
         let plans = plan_metrics(registries, &further, study)?.chosen(&names)?;
         let drives = registries.metrics.drive.chosen(&listed(Subject::Drive))?;
         let mut attack_names = listed(Subject::AttackedDrive);

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use advsage::{ego::Ego, generators::BuiltGenerator, operating_point::OperatingPointSpec};
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{
     files,
@@ -24,9 +25,6 @@ use serde_json::{Value, json};
 use super::{Group, Measurement, SceneResult, cell, infos};
 use crate::{
     Registries,
-    ego::Ego,
-    generators::BuiltGenerator,
-    operating_point::OperatingPointSpec,
     rows::{Cell, Key, Subject},
     study::Study,
 };

@@ -2,21 +2,18 @@
 
 use std::sync::Arc;
 
+use advsage::{
+    generators::{BuiltGenerator, Generators, refuse_duplicates},
+    operating_point::{OperatingPointSpec, OperatingPoints},
+    part::Part,
+    selection::Selection,
+};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_backbones::Backbone;
 use sage_generators::{Aggression, GeneratorInputs};
 use sage_merging::{ExpertSet, Merger};
 
-use crate::{
-    Registries,
-    chart::triangle::mixtures,
-    generators::{BuiltGenerator, Generators, refuse_duplicates},
-    operating_point::{OperatingPointSpec, OperatingPoints},
-    part::Part,
-    rows::Subject,
-    selection::Selection,
-    study::Study,
-};
+use crate::{Registries, chart::triangle::mixtures, rows::Subject, study::Study};
 
 /// Where a study gets its experts from.
 pub trait ExpertSource {
@@ -84,7 +81,7 @@ impl Group {
             seed,
             selection: Arc::new(selection.objective.clone()),
         };
-        Generators::with_inputs(registries, inputs)
+        Generators::with_inputs(&registries.parts, inputs)
     }
 
     /// All groups of a study: every weights with every merger.
@@ -114,7 +111,7 @@ impl Group {
             let training_seed = (!arm.is_empty()).then_some(earlier as u64);
             for part in &mergers {
                 let generators =
-                    Generators::new(registries, part, selection, study.seed)?.with_experts(&experts);
+                    Generators::new(&registries.parts, part, selection, study.seed)?.with_experts(&experts);
                 let merger = generators.merger().clone();
                 let points =
                     points(study, &*merger, || source.dial(folder, &experts, selection, &part.to_string()))?;

@@ -53,7 +53,7 @@ impl Policies {
         let names = rewards.iter().map(|(name, _)| &name[..]);
         let metrics = with_rewards(registries.metrics.policy.clone(), names)?.chosen(&listed)?;
         let objectives: Vec<&Objective> = rewards.iter().map(|(_, objective)| objective).collect();
-        let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities)?;
+        let measures = Measures::of(&objectives, &registries.parts.rewards, &registries.parts.feasibilities)?;
         let (mut keys, mut all) = (Vec::new(), Vec::new());
         for group in groups.into_iter().filter(|group| group.merger.keeps_modes()) {
             let first = keys.len();
@@ -96,12 +96,12 @@ fn rewards(listed: &[String], registries: &Registries) -> Result<Vec<(String, Ob
     let all = listed.iter().any(|name| name == "*");
     let is_built_in = |name: &str| registries.metrics.policy.all().iter().any(|m| m.info.name == name);
     let mut found = Vec::new();
-    for entry in registries.rewards.entries() {
+    for entry in registries.parts.rewards.entries() {
         let is_named = listed.iter().any(|name| name == entry.name);
         if is_built_in(entry.name) || !(all || is_named) {
             continue;
         }
-        let reward = registries.rewards.build_default(entry.name)?;
+        let reward = registries.parts.rewards.build_default(entry.name)?;
         if !is_named && (reward.is_costly() || reward.needs_prior()) {
             continue;
         }
@@ -109,7 +109,7 @@ fn rewards(listed: &[String], registries: &Registries) -> Result<Vec<(String, Ob
         let options = if entry.name == "lane-distance" { json!({"phase": "whole"}) } else { json!({}) };
         let term = json!({"terms": [{"name": entry.name, "weight": 1.0, "options": options}]});
         let spec: ObjectiveSpec = serde_json::from_value(term)?;
-        let objective = Objective::new(&spec, &registries.rewards, &registries.feasibilities)?;
+        let objective = Objective::new(&spec, &registries.parts.rewards, &registries.parts.feasibilities)?;
         found.push((entry.name.to_owned(), objective));
     }
     Ok(found)

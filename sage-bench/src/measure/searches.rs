@@ -2,6 +2,13 @@
 
 use std::{path::Path, sync::Arc};
 
+use advsage::{
+    ego::Ego,
+    operating_point::OperatingPointSpec,
+    part::Part,
+    search::{ONE_SHOT, POOL, PlanSources},
+    selection::Selection,
+};
 use anyhow::{Context as _, Result, anyhow, ensure};
 use sage_core::{
     generator::Proposal,
@@ -20,12 +27,7 @@ use serde_json::Value;
 use super::{DriverInScene, Group, Measurement, SceneResult, cell, infos, is_contact_now};
 use crate::{
     Registries,
-    ego::Ego,
-    operating_point::OperatingPointSpec,
-    part::Part,
     rows::{Cell, Key, Subject},
-    search::{self, ONE_SHOT, POOL, PlanSources},
-    selection::Selection,
     study::Study,
 };
 
@@ -79,7 +81,7 @@ impl Searches {
         groups: &[Group],
         selection: &Selection,
     ) -> Result<Self> {
-        let (rule, options) = search::of_study(study, registries)?;
+        let (rule, options) = study.searches(&registries.parts)?;
         let listed = |subject| study.metrics.get(&subject).cloned().unwrap_or_default();
         let (mut methods, mut along) = (Vec::new(), Vec::new());
         for group in groups {

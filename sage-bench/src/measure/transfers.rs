@@ -2,6 +2,14 @@
 
 use std::{path::Path, sync::Arc};
 
+use advsage::{
+    ego::Ego,
+    generators::BuiltGenerator,
+    operating_point::{OperatingPointSpec, RowKey},
+    part::Part,
+    search::PlanSources,
+    selection::Selection,
+};
 use anyhow::{Result, bail, ensure};
 use sage_core::{
     generator::Proposal,
@@ -17,13 +25,7 @@ use sage_sim::{
 use super::{DriverInScene, Group, Measurement, SceneResult, cell, infos, is_contact_now};
 use crate::{
     Registries,
-    ego::Ego,
-    generators::BuiltGenerator,
-    operating_point::{OperatingPointSpec, RowKey},
-    part::Part,
     rows::{Cell, Key, Subject},
-    search::{self, PlanSources},
-    selection::Selection,
     study::Study,
 };
 
@@ -82,7 +84,7 @@ impl Transfers {
         groups: &[Group],
         selection: &Selection,
     ) -> Result<Self> {
-        let (rule, options) = search::of_study(study, registries)?;
+        let (rule, options) = study.searches(&registries.parts)?;
         let mut methods = Vec::new();
         for group in groups {
             let with = |selection| group.generators(registries, selection, study.seed);

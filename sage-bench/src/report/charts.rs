@@ -1,5 +1,6 @@
 //! The charts of a study: means of two metrics over the operating points, triangles of mixtures, or planes.
 
+use advsage::operating_point::OperatingPointSpec;
 use anyhow::{Context as _, Result, bail, ensure};
 
 use super::{curves::lines, sweeps::sweeps};
@@ -9,7 +10,6 @@ use crate::{
         line::{Chart, Legend, Line},
         triangle::{self, Triangle, mixtures},
     },
-    operating_point::OperatingPointSpec,
     published::{Published, published},
     rows::{Results, Subject},
     study::{ChartSpec, PlaneAxis, Study},

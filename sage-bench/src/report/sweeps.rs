@@ -1,12 +1,12 @@
 //! Sweeps of operating points: how evenly rates rise along the aggression dial and along λ = μ, and the shares of λ and
 //! of μ in the whole change.
 
+use advsage::operating_point::OperatingPointSpec;
 use anyhow::{Context as _, Result};
 use sage_core::statistics::rank_correlation;
 
 use crate::{
     curve::{Linearity, shapley_of_lambda},
-    operating_point::OperatingPointSpec,
     rows::{Results, Subject},
     table::Table,
 };

@@ -1,11 +1,11 @@
 //! What transfers say: for each method a matrix of the driver that plans are made against and the driver that is tested, how
 //! much is lost from one to the other, and which driver is the best to make attacks for another.
 
+use advsage::operating_point::OperatingPointSpec;
 use sage_core::statistics::Estimate;
 
 use crate::{
     estimate::{Samples, of_scenes},
-    operating_point::OperatingPointSpec,
     rows::{Key, Results, Subject},
     table::Table,
 };

@@ -2,13 +2,13 @@
 
 use std::{collections::HashMap, sync::Arc};
 
-use pyo3::{prelude::*, types::PyDict};
-use sage_bench::{
+use advsage::{
     named_search::{NamedSearch, SearchSpec},
     operating_point::OperatingPoints,
     part::Part,
     searched_attacker::SearchedAttacker,
 };
+use pyo3::{prelude::*, types::PyDict};
 use sage_core::{generator::OperatingPoint, motion::Trajectory, seed::Rng};
 use sage_sim::{
     Error, SimScene,

@@ -14,13 +14,13 @@ use sage_core::{
     objective::{Context, ContextOptions, Scorer, verdict},
     scene::SceneData,
 };
-
-use super::measured::ChosenScenes;
-use crate::{
-    drawing::{self, Picture, drawn_path},
+use sage_run::{
     output::{self, Folder},
     terminal::escaped_html as escaped,
 };
+use sage_view::drawing::{self, Picture, drawn_path};
+
+use super::measured::ChosenScenes;
 use sage_bench::runner::SceneSource as _;
 
 /// Pictures of believable attacks, and of failed ones.

@@ -9,15 +9,15 @@ use std::{
 use anyhow::{Context as _, Result};
 use sage_bench::runner::{SceneSource, Store};
 use sage_core::{files, scene::SceneData};
-use serde_json::json;
-
-use super::LIMIT;
-use crate::{
+use sage_run::{
     input,
     output::{Folder, SceneRecord, State},
     progress::count,
     scenes::Scenes,
 };
+use serde_json::json;
+
+use super::LIMIT;
 
 /// Folder of the results of scenes.
 pub(super) const RESULTS: &str = ".sage-rows";

@@ -12,8 +12,7 @@ use sage_core::{
     statistics,
 };
 use sage_generators::{Aggression, GeneratorInputs, Rate, proposers::MixedExperts, selector::best_of};
-
-use crate::scenes::Scenes;
+use sage_run::scenes::Scenes;
 
 /// Evaluated candidates of every scene at several λ.
 pub(crate) struct AttackGrid {

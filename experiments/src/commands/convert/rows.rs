@@ -11,16 +11,18 @@ use sage_core::{
     motion::Trajectory,
 };
 use sage_data::{Recording, folder, openscenario::Options};
+use sage_run::{
+    Outcome,
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
+    progress,
+    scene_queue::{self, Failure, Input, ROW_LIMIT, Report, SceneReport, Scenes, Worked},
+};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Outcome,
     attacked_files::{Attack, AttackedFiles, Facts, Formats},
     cli::{ConvertArgs, ConvertFormat},
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
-    progress,
-    scene_queue::{self, Failure, Input, ROW_LIMIT, Report, SceneReport, Scenes, Worked},
 };
 
 /// Fields of a row that say what came of an attack and not how it was generated; `Row` takes the others.

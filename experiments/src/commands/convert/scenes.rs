@@ -17,14 +17,16 @@ use sage_data::{
     stream::{Inputs, Item, map_in_order},
     womd::VERSION,
 };
-
-use super::{Tally, file_name, with_suffix};
-use crate::{
+use sage_run::{
     Outcome,
-    cli::{ConvertArgs, ConvertFormat},
     outcome::{EndsWith, caught, may_pass, may_succeed_later},
     output::{self, DatasetRun, FileRecord, Part, SceneRecord, State},
     progress::{self, Progress},
+};
+
+use super::{Tally, file_name, with_suffix};
+use crate::{
+    cli::{ConvertArgs, ConvertFormat},
     scenario_files,
 };
 

@@ -12,15 +12,15 @@ use sage_data::{
     stream::{Inputs, Item, map_in_order},
     womd::{self, EncodedScenario},
 };
+use sage_run::{
+    output::{DatasetRun, Part, SceneRecord, State},
+    progress::Progress,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::Tally;
-use crate::{
-    cli::ConvertArgs,
-    output::{DatasetRun, Part, SceneRecord, State},
-    progress::Progress,
-};
+use crate::cli::ConvertArgs;
 
 /// Start of the names of the files.
 const NAME: &str = "scenes";
@@ -224,5 +224,5 @@ fn write_file(
 /// True if the system refused to read a scene, so that another try may succeed.
 fn is_of_the_system(error: &sage_data::Error) -> bool {
     std::iter::successors(Some(error as &dyn std::error::Error), |error| error.source())
-        .any(crate::outcome::is_refusal)
+        .any(sage_run::outcome::is_refusal)
 }

@@ -5,6 +5,7 @@ use std::{
     sync::Arc,
 };
 
+use advsage::Registries;
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
@@ -15,9 +16,8 @@ use sage_core::{
     scene::Scene,
 };
 use sage_data::{ReadOptions, Recording};
+use sage_run::scene_queue::ROW_LIMIT;
 use serde::Deserialize;
-
-use crate::{Registries, scene_queue::ROW_LIMIT};
 
 /// What is read of the file.
 #[derive(Deserialize)]

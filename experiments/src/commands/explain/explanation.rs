@@ -1,13 +1,12 @@
 //! Why the selected candidate of a generator is an attack, or why it is none.
 
+use advsage::selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome};
 use sage_core::{
     generator::{Attack, Proposal},
     motion::Trajectory,
     objective::{Context, Evaluation, Objective, Reason, Scorer},
 };
 use serde::Serialize;
-
-use crate::selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome};
 
 /// Candidates whose values are shown.
 const SHOWN: usize = 5;

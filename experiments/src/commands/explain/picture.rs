@@ -1,5 +1,6 @@
 //! The candidates of a selection from above: by what they do, the selected one in front.
 
+use advsage::selection_outcome::CandidateKind;
 use sage_core::{
     generator::{Attack, Proposal},
     geometry::OrientedBox,
@@ -7,12 +8,9 @@ use sage_core::{
     objective::Context,
     scene::Scene,
 };
+use sage_view::drawing::{self, DrawnPath, Outcome, Picture, Tried, drawn_path};
 
 use super::explanation::Explanation;
-use crate::{
-    drawing::{self, DrawnPath, Outcome, Picture, Tried, drawn_path},
-    selection_outcome::CandidateKind,
-};
 
 /// Candidates to draw.
 #[derive(Default)]

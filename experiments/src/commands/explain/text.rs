@@ -1,9 +1,11 @@
 //! An explanation as text.
 
-use sage_bench::{table::Table, wrap::wrapped};
+use advsage::selection_outcome::SelectionOutcome;
+use sage_bench::table::Table;
+use sage_core::text::wrap::wrapped;
+use sage_run::terminal;
 
 use super::explanation::{Explanation, ValuedCandidate};
-use crate::{selection_outcome::SelectionOutcome, terminal};
 
 /// An explanation in words, with the values of the best candidates.
 pub(super) fn text(one: &Explanation) -> String {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use advsage::Registries;
 use anyhow::{Context as _, Result, bail};
 use sage_backbones::{
     features::EdgeKinds,
@@ -9,9 +10,10 @@ use sage_backbones::{
 };
 use sage_core::objective::{Objective, ObjectiveSpec};
 use sage_merging::{ADVERSARIAL, LAWFUL, REALISTIC};
+use sage_run::input;
 use serde_json::{Map, Value, json};
 
-use crate::{Registries, cli::FinetuneArgs, input};
+use crate::cli::FinetuneArgs;
 
 /// Shipped configurations by name: the paper's own set-up, and variants that are compared.
 const SHIPPED: [(&str, &str); 5] = [

@@ -2,6 +2,7 @@
 
 use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
+use advsage::latest_start;
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
     files,
@@ -10,6 +11,10 @@ use sage_core::{
     scene::SceneIndex,
 };
 use sage_data::{Recording, checks};
+use sage_run::{
+    output::{self, DatasetRun},
+    scene_queue::{Failure, Line, SceneReport},
+};
 use sage_sim::{SimScene, attack_test::AttackTest, avoidable::Avoidance};
 use serde_json::{Map, Value};
 
@@ -22,12 +27,7 @@ use super::{
     scored::ScoredCandidates,
     view::SceneView,
 };
-use crate::{
-    attacked_files::{self, AttackedFiles, Facts},
-    latest_start,
-    output::{self, DatasetRun},
-    scene_queue::{Failure, Line, SceneReport},
-};
+use crate::attacked_files::{self, AttackedFiles, Facts};
 
 /// Attacks a scene at all operating points and writes its files, unless they exist.
 ///

@@ -2,21 +2,18 @@
 
 use std::path::Path;
 
+use advsage::selection_outcome::{CandidateCounts, SelectionOutcome};
 use sage_core::{
     files,
     generator::Note,
     motion::Trajectory,
     objective::{Reason, Scores},
 };
+use sage_run::{scene_queue::ROW_LIMIT, terminal};
 use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Deserialize;
 
 use super::row::VariantRow;
-use crate::{
-    scene_queue::ROW_LIMIT,
-    selection_outcome::{CandidateCounts, SelectionOutcome},
-    terminal,
-};
 
 /// A row holds all but its candidates within this many bytes.
 const HEAD: u64 = 1 << 16;

@@ -9,6 +9,18 @@ use sage_core::{
     scene::{Scene, Track},
 };
 use sage_data::{ReadOptions, Recording};
+use sage_run::{
+    output::Folder,
+    scene_queue::{Input, is_row_of},
+};
+use sage_view::{
+    html_page::link,
+    listing::{
+        self, ListedScene,
+        car::{Car, path, shown_area},
+        road::{self, RoadLine},
+    },
+};
 use serde::Serialize;
 
 use super::{
@@ -16,16 +28,6 @@ use super::{
     names::{INDEX, page_file, row_file},
     plan::Plan,
     row::prevented,
-};
-use crate::{
-    html_page::link,
-    listing::{
-        self, ListedScene,
-        car::{Car, path, shown_area},
-        road::{self, RoadLine},
-    },
-    output::Folder,
-    scene_queue::{Input, is_row_of},
 };
 
 /// Most scenes and attacks of a page: tens of megabytes.

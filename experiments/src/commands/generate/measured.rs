@@ -1,5 +1,7 @@
 //! What is measured of a scene's attacks.
 
+use advsage::ego::Ego;
+use advsage::selection_outcome::{CandidateCounts, SelectionOutcome};
 use anyhow::Result;
 use sage_core::{generator::Attack, objective::Context};
 use sage_sim::{
@@ -10,10 +12,6 @@ use sage_sim::{
 };
 
 use super::scored::ScoredCandidates;
-use crate::{
-    ego::Ego,
-    selection_outcome::{CandidateCounts, SelectionOutcome},
-};
 
 /// An attack with what came of it.
 pub(super) struct MeasuredAttack<'a> {

@@ -1,16 +1,18 @@
 //! All inputs of `sage generate` except the scenes.
 
+use advsage::{
+    Registries,
+    ego::{self, Ego},
+    operating_point::OperatingPointSpec,
+};
 use anyhow::{Result, bail};
 use sage_data::openscenario::Options;
+use sage_run::progress;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Registries,
     attacked_files::Formats,
     cli::{DatasetFormat, GenerateArgs},
-    ego::{self, Ego},
-    operating_point::OperatingPointSpec,
-    progress,
     run_generator::RunGenerator,
 };
 

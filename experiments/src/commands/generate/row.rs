@@ -2,18 +2,15 @@
 
 use std::num::NonZeroUsize;
 
+use advsage::selection_outcome::{CandidateCounts, SelectionOutcome};
 use sage_core::{
     motion::Trajectory,
     objective::{Scores, Violation},
 };
+use sage_run::terminal;
 use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Serialize;
 use serde_json::{Map, Value, value::RawValue};
-
-use crate::{
-    selection_outcome::{CandidateCounts, SelectionOutcome},
-    terminal,
-};
 
 /// One attack, as its file records it.
 #[derive(Serialize)]

@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, hash_map::Entry};
 
+use advsage::selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome};
 use anyhow::{Context as _, Result};
 use sage_core::{
     generator::{Attack, Proposal},
@@ -12,7 +13,6 @@ use sage_sim::avoidable::{Avoidable, Avoidance};
 use serde_json::value::{RawValue, to_raw_value};
 
 use super::row::CandidateRow;
-use crate::selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome};
 
 /// A trajectory with its scores, also as JSON.
 pub(super) struct Scored {

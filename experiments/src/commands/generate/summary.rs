@@ -1,9 +1,10 @@
 //! The table at the end of a run: how often each operating point attacks, and why it does not.
 
+use advsage::operating_point::OperatingPointSpec;
+use advsage::selection_outcome::SelectionOutcome;
 use sage_bench::table::Table;
 
 use super::{found_row::FoundRow, plan::Plan, row::prevented};
-use crate::{operating_point::OperatingPointSpec, selection_outcome::SelectionOutcome};
 
 /// Outcomes with the reason that the table gives for them, the first where two are as frequent.
 const REASONS: [(SelectionOutcome, &str); 5] = [

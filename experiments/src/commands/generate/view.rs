@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use advsage::operating_point::OperatingPointSpec;
 use anyhow::Result;
 use sage_core::{
     generator::Proposal,
@@ -11,6 +12,10 @@ use sage_core::{
     scene::Track,
 };
 use sage_sim::{avoidable::Avoidable, vehicle::Motion};
+use sage_view::{
+    drawing::{self, DrawnPath, Picture, drawn_path},
+    player::{self, Meeting, Panel, Path, Sweep},
+};
 
 use super::{
     found_row,
@@ -18,11 +23,6 @@ use super::{
     names::INDEX,
     plan::Plan,
     scored::{ScoredCandidates, bits},
-};
-use crate::{
-    drawing::{self, DrawnPath, Picture, drawn_path},
-    operating_point::OperatingPointSpec,
-    player::{self, Meeting, Panel, Path, Sweep},
 };
 
 /// Most attacks that a page shows side by side. More share a box with a slider.

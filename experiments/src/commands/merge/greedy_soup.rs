@@ -5,6 +5,7 @@
 
 use std::path::PathBuf;
 
+use advsage::{Registries, generators::Generators, part::Part, selection::Selection};
 use anyhow::{Context as _, Result};
 use sage_core::{
     generator::{Mixture, OperatingPoint},
@@ -12,14 +13,9 @@ use sage_core::{
     scene::SceneData,
 };
 use sage_merging::ExpertSet;
-
-use crate::{
-    Registries,
-    generators::Generators,
-    part::Part,
+use sage_run::{
     progress::{self, Progress},
     scenes::Scenes,
-    selection::Selection,
 };
 
 /// What a soup is selected by.

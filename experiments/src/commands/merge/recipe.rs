@@ -6,13 +6,13 @@
 
 use std::path::Path;
 
+use advsage::part::Part;
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::files;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use super::greedy_soup::Search;
-use crate::part::Part;
 
 /// Method whose weights are found by a search.
 const GREEDY_SOUP: &str = "greedy-soup";

@@ -3,8 +3,7 @@
 use anyhow::Result;
 use sage_backbones::training::EpochRow;
 use sage_bench::{chart::line, table::Table};
-
-use crate::output::Folder;
+use sage_run::output::Folder;
 
 /// Columns of the table.
 const HEADS: [&str; 9] =

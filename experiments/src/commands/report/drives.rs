@@ -6,14 +6,12 @@ use sage_core::{
     scene::Track,
 };
 use sage_sim::{avoidable::Avoidable, vehicle::Motion};
+use sage_view::player::{self, Meeting, Panel};
 
 use super::{FILE, entry::Entry};
-use crate::{
-    commands::search::{
-        SceneRow,
-        found::{FailureFile, FailureScene, without_folders},
-    },
-    player::{self, Meeting, Panel},
+use crate::commands::search::{
+    SceneRow,
+    found::{FailureFile, FailureScene, without_folders},
 };
 
 /// Drives in a row.

@@ -6,15 +6,13 @@ use sage_sim::{
     fault::FaultClass,
     search::{Features, circumstances::Party},
 };
+use sage_view::listing::car::{Car, path, shown_area};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::{
-    commands::search::{
-        failure_name,
-        found::{FailureFile, FailureScene, without_folders},
-    },
-    listing::car::{Car, path, shown_area},
+use crate::commands::search::{
+    failure_name,
+    found::{FailureFile, FailureScene, without_folders},
 };
 
 /// A failure on the page.

@@ -14,6 +14,11 @@ use sage_core::{
     scene::{Scene, SceneIndex},
 };
 use sage_data::Recording;
+use sage_run::{
+    output::{self, RECORD},
+    progress,
+    scene_queue::is_row_of,
+};
 use sage_sim::{
     avoidable::earlier_names,
     episode::LAST_FRAME,
@@ -25,11 +30,6 @@ use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
 
 use super::{SceneRow, failure_name, row_file, unchanged_file};
-use crate::{
-    output::{self, RECORD},
-    progress,
-    scene_queue::is_row_of,
-};
 
 /// Size limit of a row, bytes.
 const LIMIT: u64 = 1 << 24;

@@ -2,8 +2,7 @@
 
 use sage_core::scene::Scene;
 use sage_sim::search::{Evaluated, Pool, SearchResult};
-
-use crate::drawing::{self, Outcome, Picture, Tried};
+use sage_view::drawing::{self, Outcome, Picture, Tried};
 
 /// Draws all plans that were driven against, and the attacked drives of the worst and the mildest failure.
 pub(super) fn draw(title: &str, scene: &Scene, pool: &Pool, result: &SearchResult) -> String {

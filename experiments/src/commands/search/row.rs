@@ -2,7 +2,9 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use advsage::operating_point::RowKey;
 use sage_core::{files, motion::Trajectory, objective::kinematic_penalty};
+use sage_run::{scene_queue::ROW_LIMIT, terminal};
 use sage_sim::{
     avoidable::{Avoidable, earlier_names},
     reference::Answer,
@@ -13,8 +15,6 @@ use sage_sim::{
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-
-use crate::{operating_point::RowKey, scene_queue::ROW_LIMIT, terminal};
 
 /// Name of the row of a scene.
 pub(crate) fn row_file(scene: &str) -> String {
@@ -422,7 +422,7 @@ impl SceneRow {
 
     /// The printed line; `seconds` is the time of the search, `None` if an earlier run finished it.
     pub(crate) fn line(&self, seconds: Option<f64>) -> String {
-        let drives = crate::progress::count(self.drives, "drive");
+        let drives = sage_run::progress::count(self.drives, "drive");
         let found = match (self.failures, self.reason) {
             (0, Some(Reason::Budget)) => {
                 let reached = self.reached.map_or("", Reason::words);
@@ -430,7 +430,7 @@ impl SceneRow {
             }
             (0, reason) => format!("no failure in {drives}: {}", reason.map_or("", Reason::words)),
             (failures, _) => {
-                let failures = crate::progress::count(failures, "failure");
+                let failures = sage_run::progress::count(failures, "failure");
                 let first = self.first_failure.unwrap_or_default();
                 let words = |failure: &Option<FoundFailure>| {
                     failure.as_ref().map_or(String::new(), |failure| {
@@ -445,7 +445,7 @@ impl SceneRow {
         };
         let errors = match self.errors {
             0 => String::new(),
-            errors => format!("; {}", crate::progress::count(errors, "drive with an error of the driver")),
+            errors => format!("; {}", sage_run::progress::count(errors, "drive with an error of the driver")),
         };
         let time = seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s));
         format!("{}: {found}{errors} ({time})", terminal::escaped_name(&self.head.scene))

@@ -8,11 +8,16 @@ use sage_core::{
     scene::{Scene, SceneIndex},
 };
 use sage_data::{Recording, checks};
+use sage_run::{
+    output::{self, DatasetRun},
+    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
+};
 use sage_sim::{
     SimScene,
     search::{Failure as DriverFailure, Pool, Reason, SearchResult},
     vehicle::Motion,
 };
+use sage_view::player::shown_part;
 use serde_json::{Map, Value, json};
 
 use super::{
@@ -27,9 +32,6 @@ use crate::{
     attacked_files::{Attack, AttackedFiles, Scenarios},
     cli::SearchFormat,
     contact_row::step,
-    output::{self, DatasetRun},
-    player::shown_part,
-    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
 
 /// Name of the picture of a scene.

@@ -1,24 +1,27 @@
 //! All inputs of `sage search` except the scenes.
 
-use anyhow::{Result, bail, ensure};
-use sage_bench::{
+use advsage::{
+    Registries,
+    ego::{self, Ego},
+    generators::weight_hashes,
+    search::PlanSources,
+    selection::Selection,
+};
+use advsage::{
     named_search::{NamedSearch, SearchSpec},
     operating_point::OperatingPoints,
 };
+use anyhow::{Result, bail, ensure};
 use sage_data::openscenario::Options;
+use sage_run::{output, progress};
 use sage_sim::search::SearchOptions;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Registries,
     attacked_files::Formats,
     cli::{SearchArgs, SearchFormat},
-    ego::{self, Ego},
-    generators::weight_hashes,
-    networks, output, progress,
+    networks,
     run_generator::spec,
-    search::PlanSources,
-    selection::Selection,
 };
 
 /// What searches all scenes.

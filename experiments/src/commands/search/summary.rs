@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use sage_core::statistics::wilson;
+use sage_run::progress::count;
 use sage_sim::search::{Reason, Requirement};
 use serde_json::{Map, Value, json};
 
 use super::row::SceneRow;
-use crate::progress::count;
 
 /// Counts over the scenes that are done.
 pub(super) struct Summary {

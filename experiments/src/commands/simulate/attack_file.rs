@@ -10,9 +10,8 @@ use sage_core::{
     scene::{Scene, Track},
 };
 use sage_data::Recording;
+use sage_run::scene_queue::ROW_LIMIT;
 use serde_json::{Map, Value};
-
-use crate::scene_queue::ROW_LIMIT;
 
 /// Way in one step that no vehicle covers, metres.
 const FAR: f64 = 10.0;

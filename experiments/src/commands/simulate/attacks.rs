@@ -8,6 +8,7 @@ use sage_core::{
     objective::{Context, Reason, Scorer},
 };
 use sage_data::Recording;
+use sage_run::scene_queue::Failure;
 use sage_sim::{
     attack_test::{AttackPath, AttackTest},
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
@@ -18,7 +19,7 @@ use sage_sim::{
 use serde_json::{Map, Value};
 
 use super::{Attacked, attack_file, row::AttackRow};
-use crate::{contact_row::step, run_generator::RunGenerator, scene_queue::Failure};
+use crate::{contact_row::step, run_generator::RunGenerator};
 
 /// What attacks the drivers of one scene.
 pub(super) enum SceneAttacks<'a> {

@@ -2,22 +2,20 @@
 
 use std::sync::Arc;
 
+use advsage::{Registries, ego::Ego, part::PolicyPart};
 use anyhow::{Result, ensure};
 use sage_core::scene::SceneIndex;
 use sage_data::Recording;
+use sage_run::{
+    progress::{self, count},
+    scene_queue::Input,
+};
 use sage_sim::{
     SimScene,
     drive::{Drive, Simulation, drive},
 };
 
-use crate::{
-    Registries,
-    cli::SimulateArgs,
-    ego::Ego,
-    part::PolicyPart,
-    progress::{self, count},
-    scene_queue::Input,
-};
+use crate::cli::SimulateArgs;
 
 /// Scenes that are driven.
 const SCENES: usize = 10;

@@ -3,9 +3,10 @@
 use std::fmt::Write as _;
 
 use anyhow::Result;
+use sage_run::{output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
+use sage_view::html_page::link;
 
 use super::{Simulation, row::DriveRow, scene::page_file};
-use crate::{html_page::link, output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
 
 /// Name of the page.
 pub(super) const FILE: &str = "index.html";

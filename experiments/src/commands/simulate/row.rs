@@ -8,21 +8,18 @@ use sage_core::{
     objective::{Reason, verdict},
     scene::{Scene, SceneIndex, Track, recording_off_road},
 };
+use sage_run::{scene_queue::ROW_LIMIT, terminal};
 use sage_sim::{
     avoidable::Avoidable,
     episode::{End, Episode, Verdict},
     fault::FaultClass,
     vehicle::Motion,
 };
+use sage_view::player::{self, Meeting, Panel};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::{
-    contact_row::{ContactRow, step},
-    player::{self, Meeting, Panel},
-    scene_queue::ROW_LIMIT,
-    terminal,
-};
+use crate::contact_row::{ContactRow, step};
 
 /// One drive, as its file records it. Steps count from frame 10, *now*, which is step 0.
 #[derive(Serialize, Deserialize)]

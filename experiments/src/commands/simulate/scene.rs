@@ -2,15 +2,21 @@
 
 use std::{sync::Arc, time::Instant};
 
+use advsage::ego::Ego;
 use anyhow::{Context as _, Result};
 use sage_core::{
     files,
     scene::{Scene, SceneIndex, Track},
 };
 use sage_data::{Recording, checks};
+use sage_run::{
+    output::DatasetRun,
+    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
+};
 use sage_sim::{
     SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, policy::Shown, traffic::Plan,
 };
+use sage_view::player::{self, Panel, Sweep};
 
 use serde_json::{Map, Value};
 
@@ -18,12 +24,6 @@ use super::{
     Simulation,
     attacks::SceneAttacks,
     row::{AttackRow, DriveRow, RowHead},
-};
-use crate::{
-    ego::Ego,
-    output::DatasetRun,
-    player::{self, Panel, Sweep},
-    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
 
 /// Most drives of a driver that are shown side by side. More share a box with a slider.

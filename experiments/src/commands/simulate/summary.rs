@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use sage_bench::table::Table;
+use sage_run::scene_queue::{Input, is_row_of};
 
 use super::{Simulation, row::DriveRow};
-use crate::scene_queue::{Input, is_row_of};
 
 /// Drives of one driver at one attack.
 #[derive(Default)]

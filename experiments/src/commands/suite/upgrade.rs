@@ -3,12 +3,14 @@
 
 use std::{collections::BTreeSet, path::Path, sync::Arc};
 
+use advsage::{Registries, ego::Ego, part::PolicyPart, references};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{
     files, generator::Proposal, objective::DrivableFeasibility, registry::Entry as _, scene::SceneIndex,
 };
 use sage_data::{MAX_SCENE_FILE, Recording};
+use sage_run::{Outcome, outcome::caught, output::Folder, progress, terminal};
 use sage_sim::{
     SimScene,
     search::{
@@ -19,14 +21,8 @@ use sage_sim::{
 
 use super::{FILE, remove_old};
 use crate::{
-    Outcome, Registries,
     cli::SuiteArgs,
     commands::{search::found::without_folders, test},
-    ego::Ego,
-    outcome::caught,
-    output::Folder,
-    part::PolicyPart,
-    progress, references, terminal,
 };
 
 /// What becomes of a test: kept as the driver fails at it now, or why not.

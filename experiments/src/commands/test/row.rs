@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use sage_bench::table::Table;
+use sage_run::{Outcome, output, progress, terminal};
 use sage_sim::search::{
     Clauses, Evaluated, Met,
     passing::{Asked, Shortfall, TestDrive},
@@ -11,10 +12,8 @@ use serde::{Deserialize, Serialize};
 
 use super::Earlier;
 use crate::{
-    Outcome,
     cli::TestArgs,
     junit::{Case, Verdict},
-    output, progress, terminal,
 };
 
 /// What came of a test.

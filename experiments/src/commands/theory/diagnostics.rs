@@ -4,6 +4,7 @@ mod mixtures;
 mod models;
 mod weight_and_output;
 
+use advsage::Registries;
 use anyhow::{Result, ensure};
 use sage_backbones::training::{Measures, PreparedScene};
 use sage_bench::{
@@ -15,19 +16,17 @@ use sage_core::{
     statistics::{self, Estimate},
 };
 use sage_merging::{ADVERSARIAL, Geometry, REALISTIC};
+use sage_run::{
+    progress::{self, Progress},
+    scenes::Scenes,
+};
 use theory_checks::{Figure, Preference, Series};
 
 use self::{
     models::{Measured, Points, models},
     weight_and_output::Comparison,
 };
-use crate::{
-    Registries,
-    cli::TheoryArgs,
-    networks,
-    progress::{self, Progress},
-    scenes::Scenes,
-};
+use crate::{cli::TheoryArgs, networks};
 
 /// Weight of each expert's own reward in the shipped experts.
 const BETA: f64 = 0.9;
@@ -72,7 +71,7 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
     let geometry = Geometry::of(&experts)?;
     let points = Points::default();
     let models = models(&experts, &geometry, &points, args.seed)?;
-    let scenes = Scenes::of(paths, &args.split, 0, args.seed)?.attackable()?;
+    let scenes = Scenes::of(paths, &args.split.filter(), 0, args.seed)?.attackable()?;
     let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
     let prior = &**experts.prior();
     let one = |data: &SceneData| -> Result<Option<Measured>> {

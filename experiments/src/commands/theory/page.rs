@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 
 use anyhow::Result;
 use sage_bench::table::Table;
+use sage_run::output::Folder;
 use theory_checks::{Report, Setup, Verdict};
 
 use self::{
@@ -16,7 +17,6 @@ use self::{
     numbers::{digits, numbers},
 };
 use super::{Claim, Injected, diagnostics::Diagnostic};
-use crate::output::Folder;
 
 /// File names.
 const HTML: &str = "index.html";

@@ -10,6 +10,10 @@ mod training;
 
 use std::time::Instant;
 
+use advsage::{
+    Registries,
+    ego::{self, Ego},
+};
 use anyhow::{Result, ensure};
 use candle_core::{Device, Tensor};
 use rayon::prelude::*;
@@ -18,8 +22,14 @@ use sage_backbones::{
     goose::{GOOSE_FILE, GooseWeights},
     parameters::Header,
 };
-use sage_bench::ego::{self, Ego};
 use sage_core::{objective::Context, scene::SceneData};
+use sage_run::{
+    Outcome,
+    outcome::caught,
+    output::{self, Run, RunState},
+    progress::{self, count},
+    scenes::{self, Scenes},
+};
 use sage_sim::{SimScene, attack_test::AttackTest};
 use serde_json::json;
 
@@ -28,14 +38,7 @@ use self::{
     training::{Seat, Training},
 };
 use super::training_scenes::TrainingScenes;
-use crate::{
-    Outcome, Registries,
-    cli::TrainGooseArgs,
-    outcome::caught,
-    output::{self, Run, RunState},
-    progress::{self, count},
-    scenes::{self, Scenes},
-};
+use crate::cli::TrainGooseArgs;
 
 /// File from which an interrupted training resumes.
 const STATE: &str = "training.state";

@@ -10,6 +10,12 @@ use std::{
     time::Instant,
 };
 
+use advsage::{
+    Registries,
+    generators::{BuiltGenerator, Generators, weight_hashes},
+    part::Part,
+    selection::Selection,
+};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
@@ -25,23 +31,19 @@ use sage_backbones::{
     training::CheckpointFile,
 };
 use sage_core::scene::SceneData;
+use sage_run::{
+    Outcome,
+    outcome::caught,
+    output::{self, Run, RunState},
+    progress::{self, count},
+    scenes::{self, Scenes},
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use self::{collected::Collected, curves::Curves};
 use super::training_scenes::TrainingScenes;
-use crate::{
-    Outcome, Registries,
-    cli::TrainSealArgs,
-    generators::{BuiltGenerator, Generators, weight_hashes},
-    networks,
-    outcome::caught,
-    output::{self, Run, RunState},
-    part::Part,
-    progress::{self, count},
-    scenes::{self, Scenes},
-    selection::Selection,
-};
+use crate::{cli::TrainSealArgs, networks};
 
 /// The same with the skills of ordinary driving.
 const BENIGN_FILE: &str = "seal-benign.safetensors";

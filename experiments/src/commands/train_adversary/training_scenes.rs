@@ -4,8 +4,9 @@ use std::collections::HashSet;
 
 use anyhow::Result;
 use sage_core::scene::SceneData;
+use sage_run::{Outcome, scenes, scenes::Scenes};
 
-use crate::{Outcome, cli::TrainingScenesArgs, scenes, scenes::Scenes};
+use crate::cli::TrainingScenesArgs;
 
 /// Scenes of a training, with those on which its result is measured.
 pub(super) struct TrainingScenes {
@@ -22,7 +23,7 @@ impl TrainingScenes {
     ///
     /// *Errors*: as [`Scenes::of`] and [`Scenes::read_all`].
     pub(super) fn read(args: &TrainingScenesArgs, seed: u64) -> Result<Self> {
-        let training = Scenes::of(&args.paths, &args.split, args.procedural, seed)?.attackable()?;
+        let training = Scenes::of(&args.paths, &args.split.filter(), args.procedural, seed)?.attackable()?;
         let validation =
             if args.dev.is_empty() { Scenes::default() } else { Scenes::under(&args.dev)?.attackable()? };
         let train = training.read_all()?;

@@ -1,5 +1,6 @@
 //! What a training does: the options of the command, and where they say nothing those of its recipe.
 
+use advsage::part::PolicyPart;
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_bench::study::in_one_line;
 use sage_core::{files, registry::Registry};
@@ -10,10 +11,7 @@ use sage_sim::{
 use serde_json::{Map, Value, json};
 
 use super::NONE;
-use crate::{
-    cli::{EgosName, RecipeName, RewardSpec, TrainEgoArgs},
-    part::PolicyPart,
-};
+use crate::cli::{EgosName, RecipeName, RewardSpec, TrainEgoArgs};
 
 /// Options of a run that are options of the command, not of its configuration.
 const OWN_OPTIONS: [(&str, &str); 8] = [

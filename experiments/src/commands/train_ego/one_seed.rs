@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context as _, Result, anyhow};
+use sage_run::{output::Run, progress};
 use sage_sim::rl::{
     Algorithm, CHECKPOINT, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions,
     TrainingState, write_policy,
@@ -10,7 +11,6 @@ use sage_sim::rl::{
 use serde_json::json;
 
 use super::{Shared, report, trained::Trained};
-use crate::{output::Run, progress};
 
 /// Name of a seed's folder.
 pub(super) fn folder(seed: u64) -> String {
@@ -31,8 +31,8 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         Some(loaded) => loaded,
         None => TrainingState::new(&options, shared.training.len()).map_err(|problem| anyhow!(problem))?,
     };
-    let curriculum = shared.args.curriculum.build(&shared.registries.curricula)?;
-    let sampler = shared.args.sampler.build(&shared.registries.scene_samplers)?;
+    let curriculum = shared.args.curriculum.build(&shared.registries.parts.curricula)?;
+    let sampler = shared.args.sampler.build(&shared.registries.parts.scene_samplers)?;
     let setting = Setting {
         scenes: &shared.training,
         evaluation: &shared.evaluation,

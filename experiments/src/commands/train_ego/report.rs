@@ -11,6 +11,11 @@ use std::{
 
 use anyhow::Result;
 use sage_bench::table::{Table, csv};
+use sage_run::{
+    output::Run,
+    progress,
+    terminal::{escaped_markdown, escaped_markdown_code, escaped_name},
+};
 use sage_sim::rl::{Algorithm, EpisodeRow, Evaluation, PolicyCard, TrainingOptions};
 use serde_json::{Map, Value, json};
 
@@ -18,12 +23,7 @@ use super::{
     columns::{COMPLETION, CONTACT, Columns, OFF_ROAD, text},
     trained::Trained,
 };
-use crate::{
-    bench::line_chart::{Chart, Line},
-    output::Run,
-    progress,
-    terminal::{escaped_markdown, escaped_markdown_code, escaped_name},
-};
+use crate::bench::line_chart::{Chart, Line};
 
 /// Newest evaluations that a table averages.
 const AVERAGED: usize = 5;

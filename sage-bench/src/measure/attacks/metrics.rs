@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use advsage::latest_start::WITHIN;
 use anyhow::Result;
 use sage_core::{
     metric::{MeasuredTrajectory, Metric, Metrics},
@@ -9,7 +10,7 @@ use sage_core::{
 };
 use sage_sim::{avoidable::Avoidable, metrics::MeasuredAttack};
 
-use crate::{Registries, latest_start::WITHIN, measure::ego_samples, study::Study};
+use crate::{Registries, measure::ego_samples, study::Study};
 
 /// What was measured of a plan.
 #[derive(Default)]

@@ -1,10 +1,10 @@
 //! Parts of a page, as Markdown and as HTML.
 
 use sage_bench::table::Table;
+use sage_run::terminal::escaped_html;
 use theory_checks::{Figure, Verdict};
 
 use super::{FIGURES, VERDICTS};
-use crate::terminal::escaped_html;
 
 /// A part of the page.
 pub(super) enum Block<'a> {

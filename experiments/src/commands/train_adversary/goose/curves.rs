@@ -7,9 +7,9 @@ use sage_bench::{
     table::Table,
 };
 use sage_core::statistics::Estimate;
+use sage_run::output::Folder;
 
 use super::training::{Ended, Losses};
-use crate::output::Folder;
 
 /// File of the table.
 pub(super) const TABLE: &str = "curves.csv";

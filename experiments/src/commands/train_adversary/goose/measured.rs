@@ -6,6 +6,7 @@ use sage_backbones::goose::{ACTION, GooseWeights};
 use sage_bench::estimate;
 use sage_core::{scene::SceneData, seed::Rng, statistics::Estimate};
 use sage_generators::goose::{TRIALS, Trial, TrialScene, action, tried};
+use sage_run::{outcome::caught, scenes::Scenes};
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
@@ -13,8 +14,6 @@ use sage_sim::{
     queried::QueriedDriver,
 };
 use serde::Serialize;
-
-use crate::{outcome::caught, scenes::Scenes};
 
 /// What was measured against the driver of the training, and against the ego's recording.
 #[derive(Default, Serialize)]

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use advsage::generators::BuiltGenerator;
 use anyhow::{Context as _, Result};
 use sage_backbones::seal::{SkillWindows, relative_path, training::CriticalityExample};
 use sage_core::{
@@ -22,8 +23,6 @@ use sage_sim::{
     traffic::Plan,
 };
 use serde::Serialize;
-
-use crate::generators::BuiltGenerator;
 
 const _: () = assert!(WINDOW == sage_backbones::seal::WINDOW, "drives are cut as networks read them");
 

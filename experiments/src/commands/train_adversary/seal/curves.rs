@@ -5,8 +5,7 @@ use sage_bench::{
     chart::line::{self, Line},
     table::Table,
 };
-
-use crate::output::Folder;
+use sage_run::output::Folder;
 
 /// File of the table.
 pub(super) const TABLE: &str = "curves.csv";

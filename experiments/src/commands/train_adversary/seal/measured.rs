@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use advsage::generators::BuiltGenerator;
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_backbones::seal::{SKILL, SealWeights, SkillEncoder, SkillWindows, WINDOW};
@@ -14,6 +15,7 @@ use sage_core::{
     statistics::{Estimate, median, rank_correlation},
 };
 use sage_generators::{learned_scores, seal_reaction, selector::cat_select};
+use sage_run::{outcome::caught, scenes::Scenes};
 use sage_sim::{
     environment::Environment,
     observation::LENGTH,
@@ -25,7 +27,6 @@ use sage_sim::{
 use serde::Serialize;
 
 use super::collected::RolloutScene;
-use crate::{generators::BuiltGenerator, outcome::caught, scenes::Scenes};
 
 /// What was measured; every estimate is a mean over scenes with its 95 % interval.
 #[derive(Default, Serialize)]

@@ -1,0 +1,15 @@
+//! Runs over many scenes.
+//!
+//! [`output`]: folders that one run at a time writes, their records, shards and locks. [`scene_queue`]: scenes one after the other, on
+//! all cores, with what went wrong. [`scenes`]: the scenes that a run is given. [`outcome`]: how a run ends. Nothing here knows the
+//! arguments of a command.
+
+pub mod input;
+pub mod outcome;
+pub mod output;
+pub mod progress;
+pub mod scene_queue;
+pub mod scenes;
+pub mod terminal;
+
+pub use outcome::Outcome;

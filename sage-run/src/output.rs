@@ -1,0 +1,254 @@
+//! Output folders and files of commands. One run at a time writes to them, existing content is protected, and
+//! files are written atomically.
+
+mod claims;
+mod command_line;
+mod dataset_run;
+mod inputs;
+mod manifest;
+mod part;
+mod run;
+mod shards;
+
+use std::{
+    collections::HashSet,
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+use advsage::ego::Ego;
+use anyhow::{Context, Result, bail};
+use sage_core::files::{self, Existing, OutputLock};
+use sage_data::dataset::Shard;
+
+use crate::terminal;
+
+pub use claims::{Claims, ShardState, ranges};
+pub use command_line::{command, command_with, identify_by, program, quoted, stand_for};
+pub use dataset_run::{DatasetRun, Ended, run_hash};
+pub use inputs::Inputs;
+pub use manifest::{Counts, FileRecord, MANIFEST, SceneRecord, State, has_shards};
+pub use part::Part;
+pub use run::{RECORD, Run, RunState, record_of};
+
+/// Folder of what planners that are programs write to their standard error, in the output folder.
+pub const PLANNER_LOGS: &str = "planner-logs";
+/// Length limit of a file name on common file systems, bytes.
+pub const LONGEST_FILE_NAME: usize = 255;
+
+/// The folder for the logs of planners. Each shard has its own.
+///
+/// *Errors*: it cannot be created.
+pub fn log_folder(folder: &Folder, part: Part) -> Result<PathBuf> {
+    let logs = PathBuf::from(PLANNER_LOGS);
+    folder.inner(&match part {
+        Part::Shard(Shard { number, of }) => logs.join(format!("{number}-of-{of}")),
+        Part::Whole | Part::Join => logs,
+    })
+}
+
+/// Lets drivers that are programs keep their logs in a folder of the run.
+///
+/// *Errors*: the folder cannot be created.
+pub fn keep_planner_logs(folder: &Folder, part: Part, egos: &[Ego]) -> Result<()> {
+    if egos.iter().any(|ego| ego.is_program) && part != Part::Join {
+        let logs = log_folder(folder, part)?;
+        egos.iter().for_each(|ego| ego.policy.write_logs_to(&logs));
+    }
+    Ok(())
+}
+
+/// An output folder that only this run writes to.
+pub struct Folder {
+    path: PathBuf,
+    claim: OutputLock,
+}
+
+impl Folder {
+    /// Creates an output folder and claims it.
+    ///
+    /// *Errors*: the folder is not empty and `force` is not given, it holds an input, another run holds it, or a system
+    /// error.
+    pub fn make(path: &Path, force: bool) -> Result<Self> {
+        Self::make_beside(&Inputs::of_command_line(), path, force)
+    }
+
+    /// As [`Folder::make`], for a command with inputs that its command line does not name.
+    ///
+    /// *Errors*: as [`Folder::make`].
+    pub fn make_beside(inputs: &Inputs, path: &Path, force: bool) -> Result<Self> {
+        let folder = Self::claim(inputs, path)?;
+        if !force && !folder.holds_at_most(&[])? {
+            bail!("`{}` is not empty; give --force to write into it anyway", path.display());
+        }
+        Ok(folder)
+    }
+
+    /// As [`Folder::make`], for a folder that may have content.
+    fn claim(inputs: &Inputs, path: &Path) -> Result<Self> {
+        inputs.refuse_folder(path)?;
+        create_folder(path)?;
+        Ok(Self { path: path.to_owned(), claim: OutputLock::folder(path, &command())? })
+    }
+
+    /// True if the folder contains nothing except locks, unfinished files and some of the given files.
+    fn holds_at_most(&self, files: &[&str]) -> Result<bool> {
+        let entries = std::fs::read_dir(&self.path);
+        for entry in entries.with_context(|| format!("cannot read `{}`", self.path.display()))? {
+            let name = entry?.file_name();
+            if !OutputLock::is_passing(&name) && !files.iter().any(|file| name == *file) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Path of the folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes a file of the folder and replaces an existing one.
+    ///
+    /// *Errors*: a folder of the name is a link; a system error.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
+        let path = self.path.join(name);
+        files::check_folders(&self.path, name.as_ref())
+            .and_then(|()| files::write(&path, bytes, Existing::Replace))
+            .with_context(|| format!("cannot write `{}`", path.display()))
+    }
+
+    /// Removes a file or a folder of the folder, if it is there. A link is removed, never followed.
+    ///
+    /// *Errors*: a folder of the name is a link; a system error.
+    pub fn remove(&self, name: &str) -> Result<()> {
+        files::remove_inside(&self.path, name.as_ref())
+            .with_context(|| format!("cannot remove `{}`", self.path.join(name).display()))
+    }
+
+    /// Creates a folder inside this folder.
+    ///
+    /// *Errors*: the name leads out of the folder, a part of it is a link, or a system error.
+    pub fn inner(&self, name: &Path) -> Result<PathBuf> {
+        let fail = || format!("cannot create `{}`", self.path.join(name).display());
+        let path = files::create_inside(&self.path, name).with_context(fail)?;
+        self.claim.clean(&path).with_context(fail)?;
+        Ok(path)
+    }
+}
+
+/// An output file that only this run writes; `-` is standard output.
+pub struct OutputFile {
+    path: PathBuf,
+    existing: Existing,
+    claim: Option<OutputLock>,
+}
+
+impl OutputFile {
+    /// Claims a file before its content is computed.
+    ///
+    /// *Errors*: the file exists and `force` is not given, it is an input, another run writes it, or its folder does not
+    /// exist or is not writable.
+    pub fn claim(path: &Path, force: bool) -> Result<Self> {
+        let existing = if force { Existing::Replace } else { Existing::Keep };
+        if path.to_str() == Some("-") {
+            return Ok(Self { path: path.to_owned(), existing, claim: None });
+        }
+        refuse_link(path)?;
+        refuse_existing(path, force)?;
+        Inputs::of_command_line().refuse_file(path)?;
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            bail!("the folder `{}` does not exist; create it first", folder.display());
+        }
+        let claim = OutputLock::file(path, &command())?;
+        Ok(Self { path: path.to_owned(), existing, claim: Some(claim) })
+    }
+
+    /// True for standard output.
+    pub fn is_stdout(&self) -> bool {
+        self.claim.is_none()
+    }
+
+    /// Writes the file.
+    ///
+    /// *Errors*: the file exists now and `force` was not given, or a system error.
+    pub fn write(&self, bytes: &[u8]) -> Result<()> {
+        if self.is_stdout() {
+            return Ok(io::stdout().lock().write_all(bytes)?);
+        }
+        match files::write(&self.path, bytes, self.existing) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => refuse_existing(&self.path, false),
+            done => done.with_context(|| format!("cannot write `{}`", self.path.display())),
+        }
+    }
+}
+
+/// Refuses a link, such as /dev/stdout, because the target of the write is ambiguous: the link or its target.
+fn refuse_link(path: &Path) -> Result<()> {
+    if path.is_symlink() {
+        bail!("`{}` is a link; name the file itself, or - for standard output", path.display());
+    }
+    Ok(())
+}
+
+fn refuse_existing(path: &Path, force: bool) -> Result<()> {
+    if !force && path.symlink_metadata().is_ok() {
+        bail!("`{}` exists; give --force to write over it, or name another file", path.display());
+    }
+    Ok(())
+}
+
+fn create_folder(path: &Path) -> Result<()> {
+    std::fs::create_dir_all(path).with_context(|| format!("cannot create `{}`", path.display()))
+}
+
+/// Where a folder is, links resolved; also one that does not exist yet.
+fn resolved_folder(folder: &Path) -> Result<PathBuf> {
+    if let Ok(found) = folder.canonicalize() {
+        return Ok(found);
+    }
+    let name = folder.file_name().with_context(|| format!("cannot create `{}`", folder.display()))?;
+    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    Ok(resolved_folder(parent)?.join(name))
+}
+
+/// Refuses an output folder in which an output would replace an input, by the name of the input or by the
+/// target of a link. Also refuses an output folder inside an input folder, because the next run would read
+/// its files.
+///
+/// *Errors*: the first such input.
+pub fn protect_inputs(given: &[PathBuf], files: &[PathBuf], out: &Path, outputs: &[PathBuf]) -> Result<()> {
+    let root = resolved_folder(out)?;
+    let resolved = |file: &Path| -> Option<PathBuf> {
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Some(folder.canonicalize().ok()?.join(file.file_name()?))
+    };
+    let inputs: HashSet<PathBuf> =
+        files.iter().flat_map(|file| [resolved(file), file.canonicalize().ok()]).flatten().collect();
+    if let Some(output) = outputs.iter().find(|output| inputs.contains(&root.join(output))) {
+        let path = out.join(output);
+        bail!("`{}` would take the place of an input; name another --out", path.display());
+    }
+    let contains_output =
+        |path: &&PathBuf| path.is_dir() && path.canonicalize().is_ok_and(|p| root.starts_with(p));
+    match given.iter().find(contains_output) {
+        Some(path) => {
+            bail!("`{}` lies in the input folder `{}`; name another --out", out.display(), path.display())
+        }
+        None => Ok(()),
+    }
+}
+
+/// True if an error means that nothing more can be written, so the command must stop.
+pub fn is_disk_full(error: &anyhow::Error) -> bool {
+    let causes = error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>());
+    causes.into_iter().any(files::is_disk_full)
+}
+
+/// Writes text for the user to standard output.
+///
+/// *Errors*: standard output is closed or full.
+pub fn print(text: &str) -> Result<()> {
+    Ok(io::stdout().lock().write_all(terminal::escaped(text).as_bytes())?)
+}

@@ -1,0 +1,30 @@
+//! Which part of a run a process does.
+
+use sage_data::dataset::Shard;
+
+/// The part of a run that a process does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// All scenes, and the summary.
+    Whole,
+    /// The scenes of a shard, and their manifest.
+    Shard(Shard),
+    /// The summary alone, from the manifests of shards.
+    Join,
+}
+
+impl Part {
+    /// The part that the option --shard names.
+    pub fn of(shard: Option<Shard>) -> Self {
+        shard.map_or(Self::Whole, Self::Shard)
+    }
+
+    /// True if a scene belongs to the part.
+    pub fn holds(self, scene: &str) -> bool {
+        match self {
+            Self::Whole => true,
+            Self::Shard(shard) => shard.holds(scene),
+            Self::Join => false,
+        }
+    }
+}

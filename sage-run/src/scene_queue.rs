@@ -1,0 +1,340 @@
+//! A queue of scene files that are worked on in parallel. Each scene has rows of its own on the disk, so an
+//! interrupted run resumes, and a scene that fails does not stop the others.
+
+mod report;
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
+};
+
+use anyhow::Result;
+use rayon::prelude::*;
+use sage_core::{defect, files, statistics};
+use sage_data::{ReadOptions, folder};
+use serde_json::{Value, json};
+
+use crate::{
+    Outcome, input,
+    outcome::{may_pass, may_succeed_later},
+    output::{self, Counts, DatasetRun, FileRecord, Inputs, Part, SceneRecord, ShardState, State},
+    progress, terminal,
+};
+
+pub use report::{Line, Report, SceneReport};
+
+/// Size limit of a row, bytes. A thousand candidates take 4 MB.
+pub const ROW_LIMIT: u64 = 1 << 30;
+
+/// A scene file with the name of its outputs.
+pub struct Input {
+    /// The file.
+    pub file: PathBuf,
+    /// Name of the file without its ending, or the id of a record.
+    pub scene: String,
+}
+
+/// The scenes of a command that writes a data set, alone or as a shard.
+pub struct Scenes {
+    root: PathBuf,
+    /// All scene files.
+    pub files: Vec<PathBuf>,
+    /// All scenes, of this shard and of the others.
+    pub all: Vec<Input>,
+}
+
+impl Scenes {
+    /// Finds the scenes of a file or folder.
+    ///
+    /// *Errors*: there are none, or they cannot be listed.
+    pub fn find(root: &Path, options: &ReadOptions) -> Result<Self> {
+        let files = folder::scene_files(root)?;
+        input::check_single(&files)?;
+        let all = inputs(root, &files, options)?;
+        Ok(Self { root: root.to_owned(), files, all })
+    }
+
+    /// The scenes with some of the names.
+    pub fn only(mut self, is_wanted: impl Fn(&str) -> bool) -> Self {
+        self.all.retain(|input| is_wanted(&input.scene));
+        self
+    }
+
+    /// The scenes that a part of the run works on.
+    pub fn of_part(&self, part: Part) -> Vec<&Input> {
+        self.all.iter().filter(|input| part.holds(&input.scene)).collect()
+    }
+
+    /// The scenes that a part of the run reports on: its own, or all.
+    pub fn reported_by(&self, part: Part) -> Vec<&Input> {
+        if part == Part::Join { self.all.iter().collect() } else { self.of_part(part) }
+    }
+
+    /// Names of all scenes.
+    pub fn names(&self) -> Vec<&str> {
+        self.all.iter().map(|input| &*input.scene).collect()
+    }
+
+    /// Refuses an output folder that holds inputs, even if no output has the name of one; `further` are other inputs.
+    ///
+    /// *Errors*: it does.
+    pub fn protect(&self, out: &Path, further: Vec<PathBuf>) -> Result<()> {
+        let both = self.files.iter().flat_map(|file| [Some(file.clone()), file.canonicalize().ok()]);
+        let names: Vec<PathBuf> =
+            both.flatten().filter_map(|file| file.file_name().map(PathBuf::from)).collect();
+        let mut read = self.files.clone();
+        read.extend(further);
+        output::protect_inputs(std::slice::from_ref(&self.root), &read, out, &names)?;
+        Inputs::of_command_line().refuse_folder(out)
+    }
+}
+
+/// What helps after the cause of a failure is removed.
+pub const AGAIN: &str = "run the same command again";
+
+/// How a command ends after its scenes; `done` is what it does to a scene, a participle, and `again` what to do when the
+/// cause of a failure is removed.
+pub fn outcome(records: &[SceneRecord], part: Part, out: &Path, done: &str, again: &str) -> Outcome {
+    let counts = Counts::of(records);
+    let (all, failed) = (counts.scenes, counts.failed());
+    let is_shard = matches!(part, Part::Shard(_));
+    if failed == 0 {
+        // A shard may be small, so that it has no other scenes.
+        if counts.left_out < all || all == 0 || is_shard {
+            return Outcome::Done;
+        }
+        progress::say(&format!("error: no scene could be {done}: all are left out"));
+        return Outcome::BadScenes;
+    }
+    let has_results = counts.done > 0 || records.iter().any(|record| !record.files.is_empty());
+    match all {
+        1 if !has_results => progress::say(&format!("error: the scene could not be {done}")),
+        _ if !has_results => progress::say(&format!("error: no scene of {all} could be {done}")),
+        _ => progress::say(&format!(
+            "{failed} of {all} scenes failed; the others are in `{}`; remove the cause and {}",
+            out.display(),
+            if part == Part::Join { "run their shards again" } else { again }
+        )),
+    }
+    if counts.retry > 0 { Outcome::Retry } else { Outcome::BadScenes }
+}
+
+/// What a whole run did, for its record.
+pub fn results(records: &[SceneRecord]) -> Value {
+    let counts = Counts::of(records);
+    let mut results = json!({"scenes": counts.scenes, "done": counts.done});
+    for (name, count) in [("left_out", counts.left_out), ("failed", counts.failed())] {
+        if count > 0 {
+            results[name] = json!(count);
+        }
+    }
+    results
+}
+
+/// Extent of a failure.
+pub enum Failure {
+    /// Ends the scene; the others continue.
+    Scene(anyhow::Error),
+    /// Ends the scene, which counts as left out and not as failed: what is asked cannot be measured in it.
+    LeftOut {
+        /// Why.
+        reason: String,
+        /// What is printed for it.
+        lines: Vec<Line>,
+    },
+}
+
+/// Scene files with the names of their outputs, which say which part of a recording is read. `root` is the path that the
+/// user gave.
+///
+/// *Errors*: the system refuses to read a record, whose name is in it.
+fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Result<Vec<Input>> {
+    let name = |file: &PathBuf| {
+        // A record that cannot be named fails when it is read.
+        let unnamed = || file.file_name().unwrap_or_default().to_string_lossy().replace('#', "-record-");
+        match input::scene_name(file).map_err(anyhow::Error::from) {
+            Err(error) if may_succeed_later(&error) => Err(error),
+            name => Ok(name.unwrap_or_else(|_| unnamed())),
+        }
+    };
+    let names: Vec<String> = files.par_iter().map(name).collect::<Result<_>>()?;
+    let (names, apart) = folder::output_names(root, files, &names);
+    let input =
+        |(file, name): (&PathBuf, String)| Input { file: file.clone(), scene: name + &options.suffix() };
+    let inputs = files.iter().zip(names).map(input).collect();
+    if apart > 0 {
+        progress::say(&format!(
+            "note: outputs of {} have names with a hash of the path, because their own are not unique or cannot be those of outputs",
+            progress::count(apart, "scene")
+        ));
+    }
+    Ok(inputs)
+}
+
+/// Most failed scenes that a join names; its manifest names all.
+const MOST_TOLD: usize = 20;
+
+/// What became of the scenes of a part.
+pub struct Worked {
+    /// In the order of the scenes.
+    pub records: Vec<SceneRecord>,
+    /// The shards that are joined.
+    pub shards: Vec<ShardState>,
+    /// Seconds per line of each scene that this process worked on.
+    seconds: Vec<f64>,
+}
+
+impl Worked {
+    /// Does a part of a run: works on its scenes, or takes what the shards of a run did. `report` makes the report for a
+    /// number of scenes.
+    ///
+    /// *Errors*: the first failure that ends the run; as [`DatasetRun::joined`].
+    pub fn on(
+        scenes: &Scenes,
+        part: Part,
+        run: &DatasetRun,
+        report: impl FnOnce(usize) -> Report,
+        one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
+    ) -> Result<Self> {
+        run.agree_on_scenes(&scenes.names())?;
+        if part == Part::Join {
+            let (records, shards) = run.joined(&scenes.names())?;
+            let failed = records.iter().filter(|record| [State::Bad, State::Retry].contains(&record.state));
+            failed.take(MOST_TOLD).for_each(|record| progress::say(&format!("error: {}", record.reason)));
+            return Ok(Self { records, shards, seconds: Vec::new() });
+        }
+        let own = scenes.of_part(part);
+        let report = report(own.len());
+        let worked = work(&own, run, &report, one)?;
+        report.finish(run.folder().path());
+        Ok(worked)
+    }
+
+    /// True if there is any result.
+    pub fn has_results(&self) -> bool {
+        self.records.iter().any(|record| !record.files.is_empty())
+    }
+
+    /// Median of the seconds per line; `None` if nothing was worked on.
+    pub fn median_seconds(&self) -> Option<f64> {
+        statistics::median(&self.seconds)
+    }
+}
+
+/// Works on scenes on all threads; each thread takes the next scene.
+///
+/// *Errors*: the first failure that ends the run.
+fn work(
+    inputs: &[&Input],
+    run: &DatasetRun,
+    report: &Report,
+    one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
+) -> Result<Worked> {
+    let (next, known) = (AtomicUsize::new(0), run.known_files());
+    let folder = run.folder().path();
+    let (stopped, times) = (Mutex::new(None), Mutex::new(Vec::new()));
+    let records: Mutex<Vec<Option<SceneRecord>>> = Mutex::new(vec![None; inputs.len()]);
+    let locked_stop = || stopped.lock().unwrap_or_else(PoisonError::into_inner);
+    // A defect that one scene brings about costs that scene.
+    let one = |input: &Input| {
+        defect::caught(|| one(input)).unwrap_or_else(|defect| Err(Failure::Scene(defect.into())))
+    };
+    rayon::broadcast(|_| {
+        while locked_stop().is_none() {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            let Some(input) = inputs.get(number) else { break };
+            let outcome = one(input).and_then(|scene| {
+                let record = recorded(folder, input, &scene).map_err(Failure::Scene)?;
+                let is_changed = |files: &Vec<FileRecord>| !files.is_empty() && *files != record.files;
+                if scene.seconds.is_some() || !known.get(&input.scene).is_some_and(is_changed) {
+                    return Ok((scene, record));
+                }
+                report.say(&format!("note: files of `{}` were changed; it is done again", input.scene));
+                let mut names = record.files.iter().map(|file| &file.name);
+                names.try_for_each(|name| run.folder().remove(name)).map_err(Failure::Scene)?;
+                let scene = one(input)?;
+                let record = recorded(folder, input, &scene).map_err(Failure::Scene)?;
+                Ok((scene, record))
+            });
+            let (outcome, record) = match outcome {
+                Ok((scene, record)) => {
+                    times.lock().unwrap_or_else(PoisonError::into_inner).extend(scene.seconds);
+                    (report.done(number, &input.scene, scene), record)
+                }
+                Err(Failure::Scene(error)) if output::is_disk_full(&error) => {
+                    locked_stop().get_or_insert(error.context(format!(
+                        "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again",
+                        report.finished(),
+                        inputs.len(),
+                        folder.display()
+                    )));
+                    break;
+                }
+                Err(Failure::Scene(error)) => {
+                    let state = if may_pass(&error) { State::Retry } else { State::Bad };
+                    let record = SceneRecord::new(&input.scene, state, report::named(&input.file, &error));
+                    (report.failed(number, &input.file, &error), record)
+                }
+                Err(Failure::LeftOut { reason, lines }) => {
+                    let rows: Vec<String> = lines.iter().map(|line| line.row.clone()).collect();
+                    let record = SceneRecord::new(&input.scene, State::LeftOut, reason.clone());
+                    let record = record.with_files(folder, rows.iter().map(String::as_str));
+                    let outcome = report.left_out(number, &input.scene, &reason, lines);
+                    match record {
+                        Ok(record) => (outcome, record),
+                        Err(error) => {
+                            locked_stop().get_or_insert(error);
+                            break;
+                        }
+                    }
+                }
+            };
+            records.lock().unwrap_or_else(PoisonError::into_inner)[number] = Some(record);
+            if let Err(error) = outcome {
+                locked_stop().get_or_insert(error);
+            }
+        }
+    });
+    match stopped.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        Some(error) => Err(error),
+        None => Ok(Worked {
+            shards: Vec::new(),
+            records: records
+                .into_inner()
+                .unwrap_or_else(PoisonError::into_inner)
+                .into_iter()
+                .flatten()
+                .collect(),
+            seconds: times.into_inner().unwrap_or_else(PoisonError::into_inner),
+        }),
+    }
+}
+
+/// The record of a scene that was worked on, with the files that are on the disk.
+fn recorded(folder: &Path, input: &Input, scene: &SceneReport) -> Result<SceneRecord> {
+    let state = if scene.failures.is_empty() { State::Done } else { State::Bad };
+    let rows = scene.lines.iter().map(|line| &*line.row);
+    SceneRecord::new(&input.scene, state, scene.failures.join("; "))
+        .with_files(folder, rows.chain(scene.files.iter().map(String::as_str)))
+}
+
+/// True if a file is a row of the run with a hash. A row is a JSON object whose first field is `run_hash`.
+pub fn is_row_of(path: &Path, run_hash: &str) -> bool {
+    let start = format!("{{\"run_hash\":\"{run_hash}\"");
+    files::read_start(path, start.len() as u64).is_ok_and(|bytes| bytes == start.as_bytes())
+}
+
+/// The JSON line of a row's file, with the time of the work if this run did it.
+///
+/// *Errors*: the file cannot be read, or it is not a row.
+fn json_line(path: &Path, seconds: Option<f64>) -> Result<Vec<u8>> {
+    let text = files::read_text(path, ROW_LIMIT)?;
+    let seconds = serde_json::to_string(&seconds)?;
+    let open = text.trim_end().strip_suffix('}').ok_or_else(|| anyhow::anyhow!("it is no JSON object"))?;
+    let mut line = Vec::with_capacity(text.len() + 32);
+    terminal::write_json_line(&mut line, &format!("{open},\"seconds\":{seconds}}}"))?;
+    Ok(line)
+}

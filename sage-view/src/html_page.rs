@@ -1,0 +1,78 @@
+//! Self-contained HTML pages: a template with its style, script, title and data.
+
+mod glossary;
+
+use anyhow::{Result, anyhow};
+use serde::Serialize;
+use serde_json::Value;
+
+use sage_core::text::escaped_html;
+
+/// What pages begin with: no page loads anything from elsewhere.
+const HEAD: &str = include_str!("html_page/head.html");
+/// What they end with: data and script.
+const TAIL: &str = include_str!("html_page/tail.html");
+
+/// Data as JSON for a script element.
+///
+/// *Errors*: data that JSON cannot hold.
+pub fn embedded(data: &impl Serialize) -> Result<String> {
+    // Within a script element only `<` could end the data.
+    Ok(serde_json::to_string(data)?.replace('<', "\\u003c"))
+}
+
+/// A page of a body with its parts in place of `{{STYLE}}`, `{{SCRIPT}}`, `{{TITLE}}` and `{{DATA}}`, and the glossary in place
+/// of `{{WORDS}}`.
+///
+/// *Errors*: a template without the places for title and data.
+pub fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
+    let title = escaped_html(title);
+    // The data come last: a title may hold the name of another part.
+    let page = [HEAD, body, TAIL].concat().replace("{{WORDS}}", &glossary::html());
+    let page = page.replace("{{STYLE}}", style).replace("{{SCRIPT}}", script);
+    let parts = page.split_once("{{TITLE}}").and_then(|(head, rest)| {
+        let (middle, tail) = rest.split_once("{{DATA}}")?;
+        Some([head, &title, middle, data, tail].concat())
+    });
+    parts.ok_or_else(|| anyhow!("the page has no place for its title or data"))
+}
+
+/// The data of a page that [`assembled`] made; `None` if there are none.
+pub fn data_of(page: &str) -> Option<Value> {
+    let (_, data) = page.split_once("type=\"application/json\">")?;
+    serde_json::from_str(data.split_once("</script>")?.0).ok()
+}
+
+/// A file name as a link.
+pub fn link(name: &str) -> String {
+    let mut out = String::new();
+    for byte in name.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'.' | b'_' | b'-' => out.push(char::from(byte)),
+            _ => out += &format!("%{byte:02X}"),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_hold_no_character_with_a_meaning() {
+        assert_eq!(link("a b#?<é.html"), "a%20b%23%3F%3C%C3%A9.html");
+    }
+
+    #[test]
+    fn titles_and_data_end_no_element_and_name_no_part() {
+        let body = "<body><main></main>\n";
+        let data = embedded(&"</script>{{SCRIPT}}").unwrap();
+        let page = assembled(body, ["s", "j", "<b>{{DATA}}", &data]).unwrap();
+        assert!(page.contains("<title>&lt;b&gt;{{DATA}}</title>") && page.contains("<style>\ns\n</style>"));
+        assert!(
+            page.contains("json\">\"\\u003c/script>{{SCRIPT}}\"</script>\n<script>\nj\n</script>"),
+            "{page}"
+        );
+    }
+}

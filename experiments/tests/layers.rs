@@ -7,7 +7,7 @@ use std::{
 };
 
 /// The crates of the workspace that each crate may depend on.
-const MAY_USE: [(&str, &[&str]); 11] = [
+const MAY_USE: [(&str, &[&str]); 14] = [
     ("sage-core", &[]),
     ("weights", &[]),
     ("sage-data", &["sage-core"]),
@@ -17,7 +17,7 @@ const MAY_USE: [(&str, &[&str]); 11] = [
     ("sage-sim", &["sage-core", "sage-weights"]),
     ("theory_checks", &["sage-core"]),
     (
-        "sage-bench",
+        "advsage",
         &[
             "sage-core",
             "sage-data",
@@ -26,7 +26,21 @@ const MAY_USE: [(&str, &[&str]); 11] = [
             "sage-generators",
             "sage-sim",
             "sage-weights",
+        ],
+    ),
+    ("sage-view", &["sage-core", "sage-sim", "advsage"]),
+    ("sage-run", &["sage-core", "sage-data", "sage-backbones", "sage-sim", "advsage"]),
+    (
+        "sage-bench",
+        &[
+            "sage-core",
+            "sage-data",
+            "sage-backbones",
+            "sage-merging",
+            "sage-generators",
+            "sage-sim",
             "theory_checks",
+            "advsage",
         ],
     ),
     (
@@ -38,8 +52,11 @@ const MAY_USE: [(&str, &[&str]); 11] = [
             "sage-merging",
             "sage-generators",
             "sage-sim",
-            "sage-bench",
             "theory_checks",
+            "advsage",
+            "sage-view",
+            "sage-run",
+            "sage-bench",
         ],
     ),
     (
@@ -51,6 +68,9 @@ const MAY_USE: [(&str, &[&str]); 11] = [
             "sage-merging",
             "sage-generators",
             "sage-sim",
+            "advsage",
+            "sage-view",
+            "sage-run",
             "sage-bench",
             "experiments",
         ],
@@ -69,7 +89,8 @@ fn each_crate_depends_on_lower_layers_alone() {
         let dependencies = sections.into_iter().find_map(|section| section.strip_prefix("dependencies]"));
         let own = |line: &str| {
             let name = line.split(['.', '=', ' ']).next().unwrap_or_default().to_owned();
-            (name.starts_with("sage-") || name == "theory_checks" || name == "experiments").then_some(name)
+            let is_own = ["theory_checks", "experiments", "advsage"].contains(&&*name);
+            (is_own || name.starts_with("sage-")).then_some(name)
         };
         for dependency in dependencies.unwrap_or_default().lines().filter_map(own) {
             assert!(allowed.contains(&&*dependency), "{name} depends on {dependency}");

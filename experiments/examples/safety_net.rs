@@ -61,16 +61,28 @@ fn cases(data: Option<&str>) -> Vec<Case> {
         let suite = format!("suite ../{set}-search-idm/out ../{set}-search-pdm/out --out out");
         all.push(case(&format!("{set}-suite"), &suite, false));
         for ego in ["idm", "expert"] {
-            all.push(case(&format!("{set}-test-{ego}"), &format!("test ../{set}-suite/out --ego {ego} --json"), false));
+            all.push(case(
+                &format!("{set}-test-{ego}"),
+                &format!("test ../{set}-suite/out --ego {ego} --json"),
+                false,
+            ));
         }
-        all.push(case(&format!("{set}-report"), &format!("report ../{set}-search-idm/out --out out"), is_demo));
+        all.push(case(
+            &format!("{set}-report"),
+            &format!("report ../{set}-search-idm/out --out out"),
+            is_demo,
+        ));
         all.push(case(&format!("{set}-inspect"), &format!("inspect {scenes} --json"), is_demo));
         all.push(case(&format!("{set}-predict"), &format!("predict {scenes} --json --out out"), false));
     }
     let row = "../demo-generate-sage/out/four-way-0-0-aggression1.00.json";
     all.push(case("explain", &format!("explain {row} --json"), true));
     for format in ["native", "pickle", "gpudrive", "womd", "openscenario"] {
-        all.push(case(&format!("convert-{format}"), &format!("convert {SCENES} --to {format} --out out"), false));
+        all.push(case(
+            &format!("convert-{format}"),
+            &format!("convert {SCENES} --to {format} --out out"),
+            false,
+        ));
     }
     for study in STUDIES {
         all.push(case(&format!("bench-{study}"), &format!("bench {study} --procedural 12 --out out"), false));
@@ -228,8 +240,7 @@ fn differing(expected: &BTreeMap<String, String>, found: &BTreeMap<String, Strin
     let places: BTreeSet<&String> = expected.keys().chain(found.keys()).collect();
     let shown = |value: Option<&String>| value.map_or("nothing".to_owned(), |v| v.chars().take(60).collect());
     let differs = |place: &&&String| expected.get(**place) != found.get(**place);
-    let both = |place: &&String| {
-        format!("{place}: {} -> {}", shown(expected.get(*place)), shown(found.get(*place)))
-    };
+    let both =
+        |place: &&String| format!("{place}: {} -> {}", shown(expected.get(*place)), shown(found.get(*place)));
     places.iter().filter(differs).map(both).collect()
 }

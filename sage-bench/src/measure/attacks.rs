@@ -4,7 +4,7 @@ mod metrics;
 
 use std::{path::Path, sync::Arc, time::Instant};
 
-use advsage::{ego::Ego, generators::BuiltGenerator, latest_start};
+use advsage::{ego::Ego, generators::BuiltGenerator, latest_start, prepared};
 use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
@@ -266,8 +266,7 @@ impl Attacks {
     }
 
     fn prepare(&self, data: &SceneData, prior: &dyn Backbone, may_query: bool) -> Result<Prepared<'_>> {
-        data.scene.check_apart_now()?;
-        let ctx = Arc::new(Context::new(&data.scene, &data.index, &ContextOptions::default())?);
+        let ctx = Arc::new(prepared::recording(&data.scene, &data.index)?);
         let of_plan = |metric: &Metric<PlanAndDrive>| metric.info.name.starts_with(OF_PLAN);
         let is_shown = self.measure[1] || self.attacked.iter().any(of_plan);
         let is_measured = is_shown && self.targets.is_empty();

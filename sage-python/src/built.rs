@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use advsage::{
     Error,
+    generators::Against,
     named_generator::{GeneratorSpec, NamedGenerator},
     prepared::{self, DriverInScene},
 };
@@ -51,12 +52,12 @@ impl Built {
         index.build_all();
         let (attack, ctx) = if driver.policy.is_recording() {
             let ctx = prepared::recording(&scene.scene, &index)?;
-            (self.named.built.attacks(&ctx, seed)?, ctx)
+            (self.named.built.attacks(&ctx, Against::Recording, seed)?, ctx)
         } else {
             let simulated = SimScene::new(scene.scene.clone(), index.clone())?;
             let drives = |scene: &_| AttackTest::new(&*driver.policy, scene, seed);
             let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
-            (self.named.built.attacks_in_test(&ctx, &test, seed)?, ctx)
+            (self.named.built.attacks(&ctx, Against::Driver(&test), seed)?, ctx)
         };
         let attack = first(attack)?;
         attack.check(ctx.scene())?;
@@ -67,7 +68,7 @@ impl Built {
     ///
     /// *Errors*: those of the generator.
     pub(crate) fn attack_on_driver(&self, ctx: &Context, test: &AttackTest, seed: u64) -> Result<Attack> {
-        let attack = first(self.named.built.attacks_on_driver(ctx, test, seed)?)?;
+        let attack = first(self.named.built.planned(ctx, Against::Driver(test), seed)?)?;
         attack.check(ctx.scene())?;
         Ok(attack)
     }

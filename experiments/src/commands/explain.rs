@@ -10,7 +10,7 @@ use std::{
     sync::Arc,
 };
 
-use advsage::{Registries, prepared};
+use advsage::{Registries, generators::Against, prepared};
 use anyhow::{Result, bail, ensure};
 use sage_core::{
     objective::{Context, ContextOptions},
@@ -116,7 +116,7 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
     }
     let scene = Arc::new(recording.scene.with_roles(None, attack.adversary.as_deref())?);
     let ctx = prepared::recording(&scene, &SceneIndex::new(scene.map.clone()))?;
-    let attacks = generator.built.attacks(&ctx, attack.seed)?;
+    let attacks = generator.built.attacks(&ctx, Against::Recording, attack.seed)?;
     let objective = &generator.selection.objective;
     let uses_point = generator.built.facts.uses_operating_point();
     let (mut all, mut candidates) = (Vec::new(), picture::Candidates::default());

@@ -4,7 +4,7 @@ use std::{path::Path, sync::Arc};
 
 use advsage::{
     ego::Ego,
-    generators::BuiltGenerator,
+    generators::{Against, BuiltGenerator},
     operating_point::{OperatingPointSpec, RowKey},
     part::Part,
     prepared::DriverInScene,
@@ -149,7 +149,7 @@ impl Transfers {
         match &method.maker {
             Maker::Selected(built) => {
                 let mut plans = Vec::new();
-                for mut attack in built.attacks_in_test(ctx, test, self.seed)? {
+                for mut attack in built.attacks(ctx, Against::Driver(test), self.seed)? {
                     attack.check(ctx.scene())?;
                     plans.push(attack.candidates.swap_remove(attack.chosen));
                 }

@@ -3,6 +3,7 @@
 use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
 use advsage::{
+    generators::Against,
     latest_start,
     prepared::{self, DriverInScene},
 };
@@ -132,10 +133,8 @@ impl SceneWriter<'_> {
         let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
         let clock = Instant::now();
         let seed = plan.args.attack.seed;
-        let mut attacks = match &test {
-            Some(test) => generator.built.attacks_in_test(&ctx, test, seed)?,
-            None => generator.built.attacks(&ctx, seed)?,
-        };
+        let against = test.as_ref().map_or(Against::Recording, Against::Driver);
+        let mut attacks = generator.built.attacks(&ctx, against, seed)?;
         let objective = &generator.selection.objective;
         if let Some(target) = plan.args.latest_start {
             for (point, attack) in generator.points.iter().zip(&mut attacks) {

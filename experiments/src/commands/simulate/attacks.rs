@@ -2,7 +2,7 @@
 
 use std::num::NonZeroUsize;
 
-use advsage::prepared;
+use advsage::{generators::Against, prepared};
 use anyhow::{Context as _, Result};
 use sage_core::{
     motion::{NOW, Trajectory},
@@ -107,7 +107,7 @@ impl<'a> SceneAttacks<'a> {
             Self::Generated(generator) => {
                 let (ctx, built) = (context()?, &generator.built);
                 let test = test.context("an attacked driver is tested")?;
-                let attacks = built.attacks_on_driver(&ctx, test, generator.args.seed)?;
+                let attacks = built.planned(&ctx, Against::Driver(test), generator.args.seed)?;
                 let planned = attacks.into_iter().zip(&generator.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();

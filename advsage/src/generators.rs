@@ -113,6 +113,17 @@ impl<'r> Generators<'r> {
     }
 }
 
+/// What attacks are made against. Their context has the same path of the ego.
+#[derive(Clone, Copy)]
+pub enum Against<'t> {
+    /// The ego's recording.
+    Recording,
+    /// A driver, which a generator may query.
+    Driver(&'t AttackTest<'t>),
+    /// The drive of a driver without an attack; the driver is not asked.
+    Drive(&'t AttackTest<'t>),
+}
+
 /// A generator with its operating points.
 pub struct BuiltGenerator {
     /// What it depends on and knows.
@@ -130,58 +141,36 @@ pub struct BuiltGenerator {
 }
 
 impl BuiltGenerator {
-    /// Attacks at all operating points. An adversary that reacts has the path that it drives against the ego's recording.
+    /// Attacks at all operating points. An adversary that reacts has the path that it drives against the ego.
     ///
-    /// *Errors*: [`Error::ContactNow`], and those of the generator.
-    pub fn attacks(&self, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
-        against_recording(self.generator.attacks(ctx, &self.points, seed)?, ctx, seed)
+    /// *Errors*: [`Error::ContactNow`], and those of the generator and of the driver.
+    pub fn attacks(&self, ctx: &Context, against: Against, seed: u64) -> Result<Vec<Attack>> {
+        let attacks = self.planned(ctx, against, seed)?;
+        match against {
+            Against::Recording => Ok(driven_by_recording(attacks, ctx, seed)?),
+            Against::Driver(test) | Against::Drive(test) => driven_in_test(attacks, ctx, test),
+        }
     }
 
-    /// Attacks at all operating points against the ego's path alone: no driver is asked. An adversary that reacts does so when it
-    /// is driven.
+    /// The same; an adversary that reacts does so when it is driven.
     ///
     /// *Errors*: as [`BuiltGenerator::attacks`].
-    pub fn planned(&self, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
-        self.generator.attacks(ctx, &self.points, seed)
-    }
-
-    /// Attacks at all operating points on a driver, which a generator may query. An adversary that reacts does so when it is
-    /// driven.
-    ///
-    /// *Errors*: as [`BuiltGenerator::attacks`], and those of the driver.
-    pub fn attacks_on_driver(
-        &self,
-        ctx: &Context,
-        test: &AttackTest,
-        seed: u64,
-    ) -> Result<Vec<Attack>, Error> {
-        // A recording does the same against every plan.
-        if !self.facts.knows.driver || test.is_recording() {
-            return self.planned(ctx, seed);
+    pub fn planned(&self, ctx: &Context, against: Against, seed: u64) -> Result<Vec<Attack>, Error> {
+        match against {
+            // A recording does the same against every plan.
+            Against::Driver(test) if self.facts.knows.driver && !test.is_recording() => {
+                self.generator.attacks_on(ctx, &QueriedDriver::new(test), &self.points, seed)
+            }
+            _ => self.generator.attacks(ctx, &self.points, seed),
         }
-        self.generator.attacks_on(ctx, &QueriedDriver::new(test), &self.points, seed)
     }
 
-    /// The same; an adversary that reacts has the path that it drives against the driver of a test.
-    ///
-    /// *Errors*: as [`BuiltGenerator::attacks`], and those of the driver.
-    pub fn attacks_in_test(&self, ctx: &Context, test: &AttackTest, seed: u64) -> Result<Vec<Attack>> {
-        driven_in_test(self.attacks_on_driver(ctx, test, seed)?, ctx, test)
-    }
-
-    /// The same without asking the driver for what it does against other plans.
-    ///
-    /// *Errors*: as [`BuiltGenerator::attacks_in_test`].
-    pub fn planned_in_test(&self, ctx: &Context, test: &AttackTest, seed: u64) -> Result<Vec<Attack>> {
-        driven_in_test(self.planned(ctx, seed)?, ctx, test)
-    }
-
-    /// The attack at one of the operating points, by its number.
+    /// The attack at one of the operating points, by its number, on the ego's recording.
     ///
     /// *Errors*: as [`BuiltGenerator::attacks`].
     pub fn attack(&self, ctx: &Context, number: usize, seed: u64) -> Result<Option<Attack>, Error> {
         let point = std::slice::from_ref(&self.points[number]);
-        Ok(against_recording(self.generator.attacks(ctx, point, seed)?, ctx, seed)?.into_iter().next())
+        Ok(driven_by_recording(self.generator.attacks(ctx, point, seed)?, ctx, seed)?.into_iter().next())
     }
 
     /// The plan of the attack at one of the operating points, by its number, against a drive of the ego; without a drive against its
@@ -278,7 +267,7 @@ fn driven_in_test(attacks: Vec<Attack>, ctx: &Context, test: &AttackTest) -> Res
 /// Attacks whose adversaries react get the path that they drive against the ego's recording.
 ///
 /// *Errors*: an attack that is not one on this scene; those of the simulation.
-fn against_recording(attacks: Vec<Attack>, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
+fn driven_by_recording(attacks: Vec<Attack>, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
     if attacks.iter().all(|attack| attack.reaction.is_none()) {
         return Ok(attacks);
     }

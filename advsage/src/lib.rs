@@ -14,6 +14,7 @@ pub mod named_generator;
 pub mod named_search;
 pub mod operating_point;
 pub mod part;
+pub mod prepared;
 pub mod references;
 mod registries;
 pub mod search;

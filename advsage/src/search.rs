@@ -15,7 +15,7 @@ use serde_json::{Map, Value, json};
 
 use crate::{
     Registries,
-    generators::{BuiltGenerator, Generators},
+    generators::{Against, BuiltGenerator, Generators},
     operating_point::{OperatingPointSpec, RowKey},
     part::Part,
     selection::Selection,
@@ -122,7 +122,7 @@ impl PlanSources {
     ///
     /// *Errors*: those of the generators and of the driver.
     fn plans(&self, test: &AttackTest, ctx: &Context, rule: &Objective, seed: u64) -> Result<Pool> {
-        let attacks = |built: &BuiltGenerator| built.planned_in_test(ctx, test, seed);
+        let attacks = |built: &BuiltGenerator| built.attacks(ctx, Against::Drive(test), seed);
         Ok(Pool::new(ctx, rule.rule(), self.sources(ctx, attacks)?, self.most))
     }
 
@@ -130,7 +130,7 @@ impl PlanSources {
     ///
     /// *Errors*: those of the generators.
     pub fn proposals(&self, ctx: &Context, seed: u64) -> Result<Vec<Vec<Proposal>>> {
-        self.sources(ctx, |built| Ok(built.attacks(ctx, seed)?))
+        self.sources(ctx, |built| built.attacks(ctx, Against::Recording, seed))
     }
 
     fn sources(
@@ -174,7 +174,8 @@ impl PlanSources {
         let mut replan = |against: &Context| -> Result<Vec<(usize, Proposal)>, sage_core::Error> {
             let Some(built) = anew else { return Ok(Vec::new()) };
             let mut plans = Vec::new();
-            for (source, attack) in built.attacks(against, seed)?.into_iter().enumerate() {
+            for (source, attack) in built.planned(against, Against::Recording, seed)?.into_iter().enumerate()
+            {
                 attack.check(against.scene())?;
                 plans.extend(self.candidates(built, attack).into_iter().map(|plan| (source, plan)));
             }

@@ -9,7 +9,7 @@ use sage_sim::{
     reference::Reference, rl::Attacker, search::SearchOptions, traffic::Plan,
 };
 
-use crate::named_search::NamedSearch;
+use crate::{named_search::NamedSearch, prepared::DriverInScene};
 
 /// Scenes whose plans are kept.
 const SCENES: usize = 1024;
@@ -47,11 +47,11 @@ impl SearchedAttacker {
         let id = &scene.scene().id;
         let wrong = |problem: String| Error::Plan { scene: id.clone(), problem };
         let search = || -> Result<Vec<Arc<Plan>>> {
-            scene.scene().attackable_horizon()?;
             let again = SimScene::new(scene.scene().clone(), scene.index().clone())?;
-            let test = AttackTest::new(&*self.policy, &again, self.seed)?.with_references(&self.references);
-            let ctx = test.context()?;
-            ctx.check_apart_now()?;
+            let DriverInScene { test, ctx } = DriverInScene::new(&again, |scene| {
+                let test = AttackTest::new(&*self.policy, scene, self.seed)?;
+                Ok(test.with_references(&self.references))
+            })?;
             let rule = &self.search.rule.objective;
             let (pool, result) = self.search.plans.search(&test, &ctx, rule, &self.options, self.seed)?;
             let plans = result.failures.iter().map(|failure| {

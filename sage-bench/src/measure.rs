@@ -12,16 +12,15 @@ mod transfers;
 
 use std::{path::Path, sync::Arc};
 
-use advsage::ego::Ego;
+use advsage::{ego::Ego, prepared::DriverInScene};
 use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
     generator::Attack,
     metric::{Metric, MetricInfo},
-    objective::Context,
     scene::SceneData,
 };
-use sage_sim::{SimScene, attack_test::AttackTest};
+use sage_sim::SimScene;
 use serde::{Deserialize, Serialize};
 
 pub use attacks::{Attacks, Choice, MeasuredPlan};
@@ -80,24 +79,16 @@ fn cell<S>(key: usize, metrics: &[Metric<S>], of: &S) -> Cell {
     }
 }
 
-/// A driver in a scene, with the context of its unattacked drive.
-struct DriverInScene<'t> {
-    test: AttackTest<'t>,
-    ctx: Context,
-}
-
-impl<'t> DriverInScene<'t> {
-    /// Drives the unchanged scene.
-    ///
-    /// *Errors*: the driver cannot drive here, or touches the adversary *now*.
-    fn new(ego: &'t Ego, simulated: &Result<Arc<SimScene>, sage_sim::Error>, seed: u64) -> Result<Self> {
-        let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
-        simulated.scene().check_apart_now()?;
-        let test = ego.test(simulated, seed)?;
-        let ctx = test.context()?;
-        ctx.check_apart_now()?;
-        Ok(Self { test, ctx })
-    }
+/// A driver in a scene, after its drive without an attack.
+///
+/// *Errors*: the driver cannot drive here, or touches the adversary *now*.
+fn driver_in_scene<'t>(
+    ego: &'t Ego,
+    simulated: &Result<Arc<SimScene>, sage_sim::Error>,
+    seed: u64,
+) -> Result<DriverInScene<'t>> {
+    let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
+    Ok(DriverInScene::new(simulated, |scene| ego.test(scene, seed))?)
 }
 
 /// Whether an error says that two cars touch *now*: nothing can be measured then, which is no failure.

@@ -4,12 +4,14 @@ use std::sync::Arc;
 
 use advsage::{
     Error,
+    generators::Against,
     named_generator::{GeneratorSpec, NamedGenerator},
+    prepared::{self, DriverInScene},
 };
 use anyhow::Result;
 use sage_core::{
     generator::Attack,
-    objective::{Context, ContextOptions, FurtherMeasures},
+    objective::{Context, FurtherMeasures},
     scene::SceneData,
 };
 use sage_sim::{SimScene, attack_test::AttackTest};
@@ -46,28 +48,27 @@ impl Built {
         driver: &Driver,
         seed: u64,
     ) -> Result<(Arc<SceneData>, Attack)> {
-        let (index, mut seen) = (scene.index.clone(), scene.scene.clone());
-        seen.check_apart_now()?;
-        let mut test = None;
-        if !driver.policy.is_recording() {
-            let simulated = SimScene::new(seen, index.clone())?;
-            seen = test.insert(AttackTest::new(&*driver.policy, &simulated, seed)?).recorded();
-        }
+        let index = scene.index.clone();
         index.build_all();
-        let ctx = Context::new(&seen, &index, &ContextOptions::default())?;
-        let attack = match &test {
-            Some(test) => first(self.named.built.attacks_in_test(&ctx, test, seed)?)?,
-            None => first(self.named.built.attacks(&ctx, seed)?)?,
+        let (attack, ctx) = if driver.policy.is_recording() {
+            let ctx = prepared::recording(&scene.scene, &index)?;
+            (self.named.built.attacks(&ctx, Against::Recording, seed)?, ctx)
+        } else {
+            let simulated = SimScene::new(scene.scene.clone(), index.clone())?;
+            let drives = |scene: &_| AttackTest::new(&*driver.policy, scene, seed);
+            let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
+            (self.named.built.attacks(&ctx, Against::Driver(&test), seed)?, ctx)
         };
+        let attack = first(attack)?;
         attack.check(ctx.scene())?;
-        Ok((Arc::new(SceneData { name: scene.name.clone(), scene: seen, index }), attack))
+        Ok((Arc::new(SceneData { name: scene.name.clone(), scene: ctx.scene().clone(), index }), attack))
     }
 
     /// An attack on a driver; an adversary that reacts does so when it is driven.
     ///
     /// *Errors*: those of the generator.
     pub(crate) fn attack_on_driver(&self, ctx: &Context, test: &AttackTest, seed: u64) -> Result<Attack> {
-        let attack = first(self.named.built.attacks_on_driver(ctx, test, seed)?)?;
+        let attack = first(self.named.built.planned(ctx, Against::Driver(test), seed)?)?;
         attack.check(ctx.scene())?;
         Ok(attack)
     }

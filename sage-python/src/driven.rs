@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use advsage::prepared::DriverInScene;
 use anyhow::Result;
 use pyo3::prelude::*;
 use sage_core::{
@@ -87,11 +88,8 @@ impl Driven {
             let episode = Episode::run(&simulated, None, &*driver.policy, seed)?;
             return Ok(Self { episode, attacked: None });
         }
-        scene.scene.attackable_horizon()?;
-        scene.scene.check_apart_now()?;
-        let test = AttackTest::new(&*driver.policy, &simulated, seed)?;
-        let ctx = test.context()?;
-        ctx.check_apart_now()?;
+        let drives = |scene: &_| AttackTest::new(&*driver.policy, scene, seed);
+        let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
         let mut queries = 0;
         let path = match attacker {
             Attacker::Generator(built) => {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use advsage::prepared;
 use anyhow::Result;
 use experiments::results;
 use pyo3::{
@@ -10,7 +11,6 @@ use pyo3::{
 };
 use sage_core::{
     files::{Existing, write},
-    objective::{Context, ContextOptions},
     scene::SceneData,
 };
 use sage_data::{Error, Recording, checks::Summary, womd};
@@ -50,9 +50,7 @@ fn why_not(outcome: Result<()>) -> Option<String> {
 }
 
 fn attackable(data: &SceneData) -> Result<()> {
-    data.scene.attackable_horizon()?;
-    data.scene.check_apart_now()?;
-    Context::new(&data.scene, &data.index, &ContextOptions::default())?;
+    prepared::recording(&data.scene, &data.index)?;
     Ok(())
 }
 

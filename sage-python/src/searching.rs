@@ -2,7 +2,10 @@
 
 use std::sync::{Arc, Mutex};
 
-use advsage::named_search::{NamedSearch, SearchSpec};
+use advsage::{
+    named_search::{NamedSearch, SearchSpec},
+    prepared::DriverInScene,
+};
 use anyhow::Result;
 use experiments::results::search_rows;
 use pyo3::{
@@ -39,13 +42,11 @@ struct Searcher {
 impl Searcher {
     /// The rows of a scene: its own, and one for each failure.
     fn search(&self, scene: &SceneData) -> Result<(Value, Vec<Value>)> {
-        scene.scene.attackable_horizon()?;
-        scene.scene.check_apart_now()?;
         let simulated = SimScene::new(scene.scene.clone(), scene.index.clone())?;
-        let test = AttackTest::new(&*self.driver.policy, &simulated, self.seed)?
-            .with_references(&self.driver.references);
-        let ctx = test.context()?;
-        ctx.check_apart_now()?;
+        let DriverInScene { test, ctx } = DriverInScene::new(&simulated, |scene| {
+            let test = AttackTest::new(&*self.driver.policy, scene, self.seed)?;
+            Ok(test.with_references(&self.driver.references))
+        })?;
         let rule = &self.named.rule.objective;
         let found = self.named.plans.search(&test, &ctx, rule, &self.options, self.seed)?;
         let (pool, result) = (&found.0, &found.1);

@@ -10,7 +10,7 @@ use std::{
     sync::Arc,
 };
 
-use advsage::Registries;
+use advsage::{Registries, generators::Against, prepared};
 use anyhow::{Result, bail, ensure};
 use sage_core::{
     objective::{Context, ContextOptions},
@@ -114,13 +114,9 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
     for warning in checks::important(&recording.scene) {
         progress::say(&format!("warning: {warning}"));
     }
-    let scene = recording.scene.with_roles(None, attack.adversary.as_deref())?;
-    scene.attackable_horizon()?;
-    scene.check_apart_now()?;
-    let index = SceneIndex::new(scene.map.clone());
-    let scene = Arc::new(scene);
-    let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
-    let attacks = generator.built.attacks(&ctx, attack.seed)?;
+    let scene = Arc::new(recording.scene.with_roles(None, attack.adversary.as_deref())?);
+    let ctx = prepared::recording(&scene, &SceneIndex::new(scene.map.clone()))?;
+    let attacks = generator.built.attacks(&ctx, Against::Recording, attack.seed)?;
     let objective = &generator.selection.objective;
     let uses_point = generator.built.facts.uses_operating_point();
     let (mut all, mut candidates) = (Vec::new(), picture::Candidates::default());

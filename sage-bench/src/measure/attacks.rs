@@ -4,7 +4,11 @@ mod metrics;
 
 use std::{path::Path, sync::Arc, time::Instant};
 
-use advsage::{ego::Ego, generators::BuiltGenerator, latest_start};
+use advsage::{
+    ego::Ego,
+    generators::{Against, BuiltGenerator},
+    latest_start, prepared,
+};
 use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
@@ -266,8 +270,7 @@ impl Attacks {
     }
 
     fn prepare(&self, data: &SceneData, prior: &dyn Backbone, may_query: bool) -> Result<Prepared<'_>> {
-        data.scene.check_apart_now()?;
-        let ctx = Arc::new(Context::new(&data.scene, &data.index, &ContextOptions::default())?);
+        let ctx = Arc::new(prepared::recording(&data.scene, &data.index)?);
         let of_plan = |metric: &Metric<PlanAndDrive>| metric.info.name.starts_with(OF_PLAN);
         let is_shown = self.measure[1] || self.attacked.iter().any(of_plan);
         let is_measured = is_shown && self.targets.is_empty();
@@ -319,9 +322,9 @@ impl Attacks {
         let Prepared { ctx, may_query, measured, avoidance, samples } = prepared;
         let clock = Instant::now();
         let attacks = match test {
-            Some(test) if *may_query => built.attacks_on_driver(ctx, test, self.seed)?,
-            Some(_) => built.planned(ctx, self.seed)?,
-            None => built.attacks(ctx, self.seed)?,
+            Some(test) if *may_query => built.planned(ctx, Against::Driver(test), self.seed)?,
+            Some(test) => built.planned(ctx, Against::Drive(test), self.seed)?,
+            None => built.attacks(ctx, Against::Recording, self.seed)?,
         };
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let (mut cells, mut key) = (Vec::new(), first);

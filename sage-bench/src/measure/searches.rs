@@ -6,6 +6,7 @@ use advsage::{
     ego::Ego,
     operating_point::OperatingPointSpec,
     part::Part,
+    prepared::DriverInScene,
     search::{ONE_SHOT, POOL, PlanSources},
     selection::Selection,
 };
@@ -24,7 +25,7 @@ use sage_sim::{
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::{DriverInScene, Group, Measurement, SceneResult, cell, infos, is_contact_now};
+use super::{Group, Measurement, SceneResult, cell, driver_in_scene, infos, is_contact_now};
 use crate::{
     Registries,
     rows::{Cell, Key, Subject},
@@ -176,7 +177,7 @@ impl Searches {
         result: &mut SceneResult,
     ) {
         let count = self.methods.len() + self.along.len();
-        let DriverInScene { test, ctx } = match DriverInScene::new(ego, simulated, self.seed) {
+        let DriverInScene { test, ctx } = match driver_in_scene(ego, simulated, self.seed) {
             Ok(driver) => driver,
             Err(error) => {
                 let reason = format!("{error:#}");

@@ -4,9 +4,10 @@ use std::{path::Path, sync::Arc};
 
 use advsage::{
     ego::Ego,
-    generators::BuiltGenerator,
+    generators::{Against, BuiltGenerator},
     operating_point::{OperatingPointSpec, RowKey},
     part::Part,
+    prepared::DriverInScene,
     search::PlanSources,
     selection::Selection,
 };
@@ -22,7 +23,7 @@ use sage_sim::{
     search::{Clause, MOST_PLANS, MeasuredTransfer, PlanDrives, Reason, Requirement, SearchOptions},
 };
 
-use super::{DriverInScene, Group, Measurement, SceneResult, cell, infos, is_contact_now};
+use super::{Group, Measurement, SceneResult, cell, driver_in_scene, infos, is_contact_now};
 use crate::{
     Registries,
     rows::{Cell, Key, Subject},
@@ -148,7 +149,7 @@ impl Transfers {
         match &method.maker {
             Maker::Selected(built) => {
                 let mut plans = Vec::new();
-                for mut attack in built.attacks_in_test(ctx, test, self.seed)? {
+                for mut attack in built.attacks(ctx, Against::Driver(test), self.seed)? {
                     attack.check(ctx.scene())?;
                     plans.push(attack.candidates.swap_remove(attack.chosen));
                 }
@@ -237,7 +238,7 @@ impl Measurement for Transfers {
     fn measure(&self, data: &SceneData) -> SceneResult {
         let mut result = SceneResult::default();
         let simulated = SimScene::new(data.scene.clone(), data.index.clone());
-        let prepare = |ego| DriverInScene::new(ego, &simulated, self.seed).map_err(Arc::new);
+        let prepare = |ego| driver_in_scene(ego, &simulated, self.seed).map_err(Arc::new);
         let prepared: Vec<Result<DriverInScene, Shared>> = self.egos.iter().map(prepare).collect();
         // One plan of each method, operating point and driver that it is made against.
         let mut plans: Vec<Made> = Vec::new();

@@ -2,12 +2,16 @@
 
 use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
-use advsage::latest_start;
+use advsage::{
+    generators::Against,
+    latest_start,
+    prepared::{self, DriverInScene},
+};
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
     files,
     generator::Note,
-    objective::{Context, ContextOptions, Scorer, Scores},
+    objective::{Context, Scorer, Scores},
     scene::SceneIndex,
 };
 use sage_data::{Recording, checks};
@@ -15,7 +19,7 @@ use sage_run::{
     output::{self, DatasetRun},
     scene_queue::{Failure, Line, SceneReport},
 };
-use sage_sim::{SimScene, attack_test::AttackTest, avoidable::Avoidance};
+use sage_sim::{SimScene, avoidable::Avoidance};
 use serde_json::{Map, Value};
 
 use super::{
@@ -114,24 +118,23 @@ impl SceneWriter<'_> {
         let warnings = checks::important(&recording.scene);
         let files = AttackedFiles::new(&recording, self.scene, plan.formats())?;
         files.check_names(plan.variants().iter().map(|variant| &**variant))?;
-        let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
+        let scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
-        scene.check_apart_now()?;
-        let mut test = None;
-        if !plan.ego.policy.is_recording() {
-            let simulated = SimScene::new(scene.clone(), index.clone())?;
-            let tested = AttackTest::new(&*plan.ego.policy, &simulated, plan.args.attack.seed)?;
-            scene = test.insert(tested).recorded();
-        }
         index.build_all();
-        let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
+        let (test, ctx) = if plan.ego.policy.is_recording() {
+            (None, prepared::recording(&scene, &index)?)
+        } else {
+            let simulated = SimScene::new(scene, index.clone())?;
+            let drives = |scene: &_| plan.ego.test(scene, plan.args.attack.seed);
+            let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
+            (Some(test), ctx)
+        };
+        let scene = ctx.scene().clone();
         let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
         let clock = Instant::now();
         let seed = plan.args.attack.seed;
-        let mut attacks = match &test {
-            Some(test) => generator.built.attacks_in_test(&ctx, test, seed)?,
-            None => generator.built.attacks(&ctx, seed)?,
-        };
+        let against = test.as_ref().map_or(Against::Recording, Against::Driver);
+        let mut attacks = generator.built.attacks(&ctx, against, seed)?;
         let objective = &generator.selection.objective;
         if let Some(target) = plan.args.latest_start {
             for (point, attack) in generator.points.iter().zip(&mut attacks) {

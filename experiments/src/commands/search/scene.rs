@@ -2,6 +2,7 @@
 
 use std::{sync::Arc, time::Instant};
 
+use advsage::prepared::DriverInScene;
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
     files,
@@ -106,14 +107,10 @@ impl OneScene<'_> {
         let files = AttackedFiles::new(recording, self.name, searcher.formats())?;
         files.check_names([&*failure_name(searcher.options.budget)].into_iter())?;
         let scene = Arc::new(recording.scene.clone().with_roles(None, args.attack.adversary.as_deref())?);
-        scene.attackable_horizon()?;
-        scene.check_apart_now()?;
-        let index = SceneIndex::new(scene.map.clone());
-        let simulated = SimScene::new(scene.clone(), index)?;
+        let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
         let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
-        let test = searcher.ego.test(&simulated, args.attack.seed).with_context(failed)?;
-        let ctx = test.context()?;
-        ctx.check_apart_now()?;
+        let drives = |scene: &_| searcher.ego.test(scene, args.attack.seed);
+        let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives).with_context(failed)?;
         let rule = &searcher.rule().objective;
         let (pool, result) =
             searcher.plans().search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;

@@ -2,6 +2,7 @@
 
 use std::num::NonZeroUsize;
 
+use advsage::{generators::Against, prepared};
 use anyhow::{Context as _, Result};
 use sage_core::{
     motion::{NOW, Trajectory},
@@ -90,15 +91,8 @@ impl<'a> SceneAttacks<'a> {
     ///
     /// *Errors*: a scene that cannot be attacked; those of the generator.
     pub(super) fn planned(&self, test: Option<&AttackTest>) -> Result<Vec<PlannedDrive>> {
-        let context = || -> Result<Context> {
-            let test = test.context("an attacked driver is tested")?;
-            let scene = test.scene();
-            scene.attackable_horizon()?;
-            scene.check_apart_now()?;
-            let ctx = test.context()?;
-            ctx.check_apart_now()?;
-            Ok(ctx)
-        };
+        let context =
+            || -> Result<Context> { Ok(prepared::drive(test.context("an attacked driver is tested")?)?) };
         match self {
             Self::AsItIs(known) => {
                 let described = complete(known.clone());
@@ -113,7 +107,7 @@ impl<'a> SceneAttacks<'a> {
             Self::Generated(generator) => {
                 let (ctx, built) = (context()?, &generator.built);
                 let test = test.context("an attacked driver is tested")?;
-                let attacks = built.attacks_on_driver(&ctx, test, generator.args.seed)?;
+                let attacks = built.planned(&ctx, Against::Driver(test), generator.args.seed)?;
                 let planned = attacks.into_iter().zip(&generator.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();

@@ -13,6 +13,7 @@ use std::time::Instant;
 use advsage::{
     Registries,
     ego::{self, Ego},
+    prepared::DriverInScene,
 };
 use anyhow::{Result, ensure};
 use candle_core::{Device, Tensor};
@@ -137,18 +138,15 @@ struct Tested<'e> {
 /// The driver in each scene that it can drive, with its drive without an attack, and the scene as it is attacked. Only the first
 /// scenes, those that are given, are reported if it cannot: among other roles are egos that are absent at the start.
 fn tests<'e>(list: &Scenes, train: &[SceneData], given: usize, ego: &'e Ego, seed: u64) -> Vec<Tested<'e>> {
-    let one = |data: &SceneData| -> Result<_> {
+    let one = |data: &SceneData| -> Result<DriverInScene<'e>> {
         let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
-        let test = AttackTest::new(&*ego.policy, &scene, seed)?;
-        let ctx = test.context()?;
-        ctx.check_apart_now()?;
-        Ok((test, ctx))
+        Ok(DriverInScene::of_test(AttackTest::new(&*ego.policy, &scene, seed)?)?)
     };
     let all: Vec<Result<_>> = train.par_iter().with_max_len(1).map(|data| caught(|| one(data))).collect();
     let mut kept = Vec::new();
     for (number, (found, data)) in all.into_iter().zip(train).enumerate() {
         match found {
-            Ok((test, ctx)) => {
+            Ok(DriverInScene { test, ctx }) => {
                 kept.push(Tested { test, ctx, name: (number < given).then(|| data.name.clone()) });
             }
             Err(error) if number < given => list.fail(&data.name, &error),

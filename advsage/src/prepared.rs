@@ -1,0 +1,61 @@
+//! A scene made ready to be attacked: the one place where it is refused, driven without an attack, and turned into what generators see.
+
+use std::sync::Arc;
+
+use sage_core::{
+    Error as CoreError,
+    objective::{Context, ContextOptions},
+    scene::{Scene, SceneIndex},
+};
+use sage_sim::{Error, SimScene, attack_test::AttackTest};
+
+/// The recording of a scene, ready to be attacked.
+///
+/// *Errors*: it is too short or has no adversary; [`CoreError::ContactNow`] if the two cars touch *now*.
+pub fn recording(scene: &Arc<Scene>, index: &Arc<SceneIndex>) -> Result<Context, CoreError> {
+    scene.attackable_horizon()?;
+    scene.check_apart_now()?;
+    Context::new(scene, index, &ContextOptions::default())
+}
+
+/// What generators see of a driver that has driven, in a recording that can be attacked.
+///
+/// *Errors*: as [`recording`], for the recording and for the drive.
+pub fn drive(test: &AttackTest) -> Result<Context, Error> {
+    test.scene().attackable_horizon()?;
+    test.scene().check_apart_now()?;
+    let ctx = test.context()?;
+    ctx.check_apart_now()?;
+    Ok(ctx)
+}
+
+/// A driver in a scene, after its drive without an attack.
+pub struct DriverInScene<'d> {
+    /// The driver with that drive.
+    pub test: AttackTest<'d>,
+    /// What generators see: with that drive in place of the ego's recording.
+    pub ctx: Context,
+}
+
+impl<'d> DriverInScene<'d> {
+    /// Lets a driver drive without an attack.
+    ///
+    /// *Errors*: as [`recording`], for the recording and for that drive; the driver cannot drive here.
+    pub fn new(
+        scene: &Arc<SimScene>,
+        test: impl FnOnce(&Arc<SimScene>) -> Result<AttackTest<'d>, Error>,
+    ) -> Result<Self, Error> {
+        scene.scene().attackable_horizon()?;
+        scene.scene().check_apart_now()?;
+        Self::of_test(test(scene)?)
+    }
+
+    /// The same of a driver that has driven, in any recording.
+    ///
+    /// *Errors*: as [`recording`], for its drive.
+    pub fn of_test(test: AttackTest<'d>) -> Result<Self, Error> {
+        let ctx = test.context()?;
+        ctx.check_apart_now()?;
+        Ok(Self { test, ctx })
+    }
+}

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
+use anyhow::Result;
 use sage_core::{
     Error as CoreError,
     objective::{Context, ContextOptions},
     scene::{Scene, SceneIndex},
 };
-use sage_sim::{Error, SimScene, attack_test::AttackTest};
+use sage_sim::{SimScene, attack_test::AttackTest};
 
 /// The recording of a scene, ready to be attacked.
 ///
@@ -21,7 +22,7 @@ pub fn recording(scene: &Arc<Scene>, index: &Arc<SceneIndex>) -> Result<Context,
 /// What generators see of a driver that has driven, in a recording that can be attacked.
 ///
 /// *Errors*: as [`recording`], for the recording and for the drive.
-pub fn drive(test: &AttackTest) -> Result<Context, Error> {
+pub fn drive(test: &AttackTest) -> Result<Context> {
     test.scene().attackable_horizon()?;
     test.scene().check_apart_now()?;
     let ctx = test.context()?;
@@ -43,8 +44,8 @@ impl<'d> DriverInScene<'d> {
     /// *Errors*: as [`recording`], for the recording and for that drive; the driver cannot drive here.
     pub fn new(
         scene: &Arc<SimScene>,
-        test: impl FnOnce(&Arc<SimScene>) -> Result<AttackTest<'d>, Error>,
-    ) -> Result<Self, Error> {
+        test: impl FnOnce(&Arc<SimScene>) -> Result<AttackTest<'d>>,
+    ) -> Result<Self> {
         scene.scene().attackable_horizon()?;
         scene.scene().check_apart_now()?;
         Self::of_test(test(scene)?)
@@ -53,7 +54,7 @@ impl<'d> DriverInScene<'d> {
     /// The same of a driver that has driven, in any recording.
     ///
     /// *Errors*: as [`recording`], for its drive.
-    pub fn of_test(test: AttackTest<'d>) -> Result<Self, Error> {
+    pub fn of_test(test: AttackTest<'d>) -> Result<Self> {
         let ctx = test.context()?;
         ctx.check_apart_now()?;
         Ok(Self { test, ctx })

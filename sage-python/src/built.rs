@@ -55,7 +55,7 @@ impl Built {
             (self.named.built.attacks(&ctx, Against::Recording, seed)?, ctx)
         } else {
             let simulated = SimScene::new(scene.scene.clone(), index.clone())?;
-            let drives = |scene: &_| AttackTest::new(&*driver.policy, scene, seed);
+            let drives = |scene: &_| Ok(AttackTest::new(&*driver.policy, scene, seed)?);
             let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
             (self.named.built.attacks(&ctx, Against::Driver(&test), seed)?, ctx)
         };

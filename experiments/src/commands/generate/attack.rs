@@ -125,7 +125,7 @@ impl SceneWriter<'_> {
             (None, prepared::recording(&scene, &index)?)
         } else {
             let simulated = SimScene::new(scene, index.clone())?;
-            let drives = |scene: &_| plan.ego.test(scene, plan.args.attack.seed);
+            let drives = |scene: &_| Ok(plan.ego.test(scene, plan.args.attack.seed)?);
             let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
             (Some(test), ctx)
         };

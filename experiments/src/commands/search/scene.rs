@@ -109,8 +109,8 @@ impl OneScene<'_> {
         let scene = Arc::new(recording.scene.clone().with_roles(None, args.attack.adversary.as_deref())?);
         let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
         let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
-        let drives = |scene: &_| searcher.ego.test(scene, args.attack.seed);
-        let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives).with_context(failed)?;
+        let drives = |scene: &_| searcher.ego.test(scene, args.attack.seed).with_context(failed);
+        let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
         let rule = &searcher.rule().objective;
         let (pool, result) =
             searcher.plans().search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;

@@ -10,7 +10,8 @@
 //! Times, hashes of runs and what names the program are left out. `--quick` takes two minutes. With DATA, a folder of recorded scenes, it
 //! is attacked and driven too. The exit status is 1 if a value differs.
 
-#![allow(clippy::unwrap_used)] // A program for maintainers: what goes wrong ends it with a message.
+// A program for maintainers: what goes wrong ends it with a message.
+#![allow(clippy::unwrap_used, clippy::print_stdout, clippy::print_stderr)]
 
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -156,6 +156,11 @@ impl Scenes {
         self.entries.len()
     }
 
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     /// The scenes in groups of `size`.
     pub fn windows(&self, size: usize) -> impl Iterator<Item = Self> {
         self.entries.chunks(size).map(|entries| Self {
@@ -337,7 +342,7 @@ impl Scenes {
     pub fn attackable(self) -> Result<Self> {
         let all = self.len();
         let attackable = self.only_attackable(true)?;
-        if attackable.len() == 0 {
+        if attackable.is_empty() {
             let error = anyhow!(
                 "no scene of {all} has an ego path, 1 s of recording after frame {NOW}, and an adversary that is valid there apart from the ego"
             );
@@ -366,7 +371,7 @@ impl Scenes {
     /// Reads all scenes into memory, for training, which reads them repeatedly in random order. Files that are no
     /// scene are named, counted and left out.
     ///
-    /// *Errors*: no file is a scene; the scenes exceed [`MEMORY_LIMIT`].
+    /// *Errors*: no file is a scene; the scenes exceed 8 GiB.
     pub fn read_all(&self) -> Result<Vec<SceneData>> {
         let mut progress = Progress::new("read", self.len());
         let mut loaded = Vec::with_capacity(self.len());

@@ -25,7 +25,6 @@ use clap::{
 };
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
-use sage_run::scenes::Filter;
 
 use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
 
@@ -36,7 +35,7 @@ pub(crate) use converting::{ConvertArgs, ConvertFormat};
 pub(crate) use driving::{PlannerArgs, SimulateArgs};
 pub(crate) use learning::{FinetuneArgs, MOST_ROLES, PredictArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
-pub(crate) use reading::ReadingArgs;
+pub(crate) use reading::{ReadingArgs, SplitArgs};
 pub(crate) use searching::{SearchArgs, SearchFormat};
 pub(crate) use sharding::{JobsArgs, JoinArgs, Scheduler, StatusArgs};
 pub(crate) use studies::{ReportArgs, StudyArgs};
@@ -376,39 +375,6 @@ pub(crate) struct FolderArgs {
     /// Write into a folder that is not empty; an interrupted run there restarts from the beginning.
     #[arg(long)]
     pub force: bool,
-}
-
-/// Filters of the given scenes.
-#[derive(Clone, Debug, Default, Args)]
-#[command(next_help_heading = SCENE)]
-pub(crate) struct SplitArgs {
-    /// JSON file of splits: an object of split names with lists of scene names.
-    #[arg(long, value_name = "FILE")]
-    pub splits: Option<PathBuf>,
-    /// Use only the scenes of this split.
-    #[arg(long, value_name = "NAME", requires = "splits")]
-    pub split: Option<String>,
-    /// Leave out the scenes of this split.
-    #[arg(long, value_name = "NAME", requires = "splits")]
-    pub without_split: Option<String>,
-    /// Use only the scenes with these comma-separated names.
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    pub scenes: Vec<String>,
-    #[command(flatten)]
-    pub reading: ReadingArgs,
-}
-
-impl SplitArgs {
-    /// The scenes that are chosen.
-    pub(crate) fn filter(&self) -> Filter {
-        Filter {
-            splits: self.splits.clone(),
-            split: self.split.clone(),
-            without_split: self.without_split.clone(),
-            scenes: self.scenes.clone(),
-            reading: self.reading.options(),
-        }
-    }
 }
 
 /// Parses a finite number.

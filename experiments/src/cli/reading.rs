@@ -1,7 +1,10 @@
 //! How scene files are read.
 
+use std::path::PathBuf;
+
 use clap::{Args, ValueEnum};
 use sage_data::ReadOptions;
+use sage_run::scenes::Filter;
 use serde_json::{Value, json};
 
 use super::help::SCENE;
@@ -58,5 +61,38 @@ impl ReadingArgs {
     pub(crate) fn identity(&self) -> Value {
         let options = self.options();
         if options == ReadOptions::default() { Value::Null } else { json!(options) }
+    }
+}
+
+/// Filters of the given scenes.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = SCENE)]
+pub(crate) struct SplitArgs {
+    /// JSON file of splits: an object of split names with lists of scene names.
+    #[arg(long, value_name = "FILE")]
+    pub splits: Option<PathBuf>,
+    /// Use only the scenes of this split.
+    #[arg(long, value_name = "NAME", requires = "splits")]
+    pub split: Option<String>,
+    /// Leave out the scenes of this split.
+    #[arg(long, value_name = "NAME", requires = "splits")]
+    pub without_split: Option<String>,
+    /// Use only the scenes with these comma-separated names.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub scenes: Vec<String>,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
+}
+
+impl SplitArgs {
+    /// The scenes that are chosen.
+    pub(crate) fn filter(&self) -> Filter {
+        Filter {
+            splits: self.splits.clone(),
+            split: self.split.clone(),
+            without_split: self.without_split.clone(),
+            scenes: self.scenes.clone(),
+            reading: self.reading.options(),
+        }
     }
 }

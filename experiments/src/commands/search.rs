@@ -2,6 +2,7 @@
 
 pub(super) mod found;
 mod picture;
+pub(crate) mod plan_row;
 pub(crate) mod row;
 mod scene;
 mod searcher;

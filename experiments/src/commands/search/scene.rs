@@ -23,9 +23,10 @@ use serde_json::{Map, Value, json};
 
 use super::{
     picture,
+    plan_row::PlanRow,
     row::{
-        DrivenRow, DrivesFile, EvaluatedRow, FailureRow, PlanRow, RowHead, SceneRow, drives_file,
-        failure_name, row_file, unchanged_file,
+        DrivenRow, DrivesFile, EvaluatedRow, FailureRow, RowHead, SceneRow, drives_file, failure_name,
+        row_file, unchanged_file,
     },
     searcher::Searcher,
 };

@@ -7,10 +7,23 @@ use sage_core::{
 };
 use sage_sim::avoidable::Avoidance;
 
+use crate::operating_point::number;
+
 /// Times within this of the target count as equal to it, seconds.
 pub const WITHIN: f64 = 0.25;
 /// Longest target, seconds.
 pub const LONGEST: f64 = 8.0;
+
+/// A target as text.
+///
+/// *Errors*: it is no number of seconds from 0 to [`LONGEST`].
+pub fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = number(text)?;
+    if !(0.0..=LONGEST).contains(&seconds) {
+        return Err(format!("{seconds} is not a time from 0 to {LONGEST} seconds"));
+    }
+    Ok(seconds)
+}
 
 /// A feasible hit that is avoidable, among the candidates of an attack.
 pub struct Avoided {

@@ -4,6 +4,7 @@
 //! aggressive, [`selection`] what is preferred. [`generators`] attack ([`named_generator`]: by name), [`ego`] drives, with
 //! [`references`] that say whether a contact is preventable, and [`search`] searches ([`named_search`]: by name).
 
+pub mod attacked_files;
 pub mod driver_search;
 pub mod ego;
 mod error;
@@ -14,9 +15,12 @@ pub mod named_generator;
 pub mod named_search;
 pub mod operating_point;
 pub mod part;
+pub mod planned_attack;
 pub mod prepared;
 pub mod references;
 mod registries;
+pub mod rows;
+pub mod scenario_files;
 pub mod search;
 pub mod searched_attacker;
 pub mod selection;

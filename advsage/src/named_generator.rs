@@ -1,11 +1,13 @@
 //! A generator as a user names it, with all that it is built from: options, selection, merger, weights and operating points.
 
 use anyhow::{Context as _, Result};
+use sage_core::objective::FurtherMeasures;
 use sage_generators::{Aggression, Facts};
+use serde_json::{Map, Value, json};
 
 use crate::{
     Error, Registries,
-    generators::{BuiltGenerator, Generators},
+    generators::{BuiltGenerator, Generators, weight_hashes},
     operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
     selection::Selection,
@@ -25,7 +27,7 @@ pub struct GeneratorSpec {
     pub merger: Part,
     /// Weights by name; `None` for [`crate::weights::DEFAULT`].
     pub weights: Option<String>,
-    /// Operating points; at least one.
+    /// Operating points; none for λ = 1.
     pub points: OperatingPoints,
     /// Seed of candidates that are drawn.
     pub seed: u64,
@@ -33,10 +35,12 @@ pub struct GeneratorSpec {
 
 /// A generator at its operating points.
 pub struct NamedGenerator {
-    /// What it depends on and knows.
-    pub facts: Facts,
+    /// What the user said of it.
+    pub spec: GeneratorSpec,
     /// The objective that selects.
     pub selection: Selection,
+    /// Measures that rows hold besides the scores of the paper.
+    pub further: FurtherMeasures,
     /// Name of each operating point, as part of file names.
     pub variants: Vec<String>,
     /// `None` for a generator without experts.
@@ -55,19 +59,32 @@ pub struct CheckedGenerator<'r> {
     spec: GeneratorSpec,
     selection: Selection,
     generators: Generators<'r>,
-    /// What it depends on and knows.
-    pub facts: Facts,
+    facts: Facts,
     variants: Vec<String>,
+    /// Fields of the specification that the generator does not depend on.
+    pub unused: Vec<&'static str>,
+    /// What the user should know of the dial.
+    pub note: Option<&'static str>,
 }
 
 impl GeneratorSpec {
     /// Checks everything but the weights.
     ///
     /// *Errors*: an option is out of range, names an unknown part, or is given twice.
-    pub fn checked(self, registries: &Registries) -> Result<CheckedGenerator<'_>> {
+    pub fn checked(mut self, registries: &Registries) -> Result<CheckedGenerator<'_>> {
         let selection = Selection::of(registries, &self.selection, self.feasibility.as_ref())?;
         let generators = Generators::new(registries, &self.merger, &selection, self.seed)?;
         let facts = generators.facts(&self.method)?;
+        let unused = self.unused(&facts);
+        let is_paper = self.feasibility.as_ref().is_none_or(|rule| *rule == Part::paper());
+        let is_fitted = self.method.name == "sage" && is_paper;
+        let uses_dial = !self.points.aggression.is_empty() && facts.uses_operating_point();
+        let note = (uses_dial && !is_fitted).then_some(
+            "the dial was fitted for `sage` under the paper's feasibility rule; here the attack rate may not rise linearly",
+        );
+        if self.points.is_empty() {
+            self.points.lambda.push(1.0);
+        }
         let variants = self.points.variants(generators.merger().range())?;
         let variants = if facts.uses_operating_point() { variants } else { vec![self.method.name.clone()] };
         if let Some(twice) = (1..variants.len()).find(|k| variants[..*k].contains(&variants[*k])) {
@@ -75,7 +92,23 @@ impl GeneratorSpec {
                 Error::Value(format!("the operating point `{}` is given twice", variants[twice])).into()
             );
         }
-        Ok(CheckedGenerator { registries, spec: self, selection, generators, facts, variants })
+        Ok(CheckedGenerator { registries, spec: self, selection, generators, facts, variants, unused, note })
+    }
+
+    /// Fields that are given and that a generator does not depend on.
+    fn unused(&self, facts: &Facts) -> Vec<&'static str> {
+        let points = &self.points;
+        let follows_mixture = facts.depends_on_lambda || facts.depends_on_mu;
+        let given = [
+            ("lambda", !points.lambda.is_empty() && !follows_mixture),
+            ("mix", !points.mix.is_empty() && !follows_mixture),
+            ("aggression", !points.aggression.is_empty() && !follows_mixture),
+            ("mu", points.mu.is_some() && !facts.depends_on_mu),
+            ("merger", self.merger.name != "linear" && !facts.depends_on_lambda),
+            ("selection", self.selection != "natural" && !facts.depends_on_mu),
+            ("weights", self.weights.is_some() && !facts.needs_experts),
+        ];
+        given.into_iter().filter(|(_, is)| *is).map(|(name, _)| name).collect()
     }
 }
 
@@ -85,6 +118,8 @@ impl CheckedGenerator<'_> {
     /// *Errors*: weights cannot be used, or have no dial.
     pub fn build(mut self, loaded: impl FnOnce(&NamedExperts)) -> Result<NamedGenerator> {
         let Self { registries, spec, selection, facts, variants, .. } = self;
+        let objective = Some(selection.objective.spec());
+        let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, objective)?;
         let range = self.generators.merger().range();
         let weights = if facts.needs_experts {
             let name = spec.weights.as_deref();
@@ -103,7 +138,56 @@ impl CheckedGenerator<'_> {
             vec![OperatingPointSpec::at(1.0, None, range)?]
         };
         let built = self.generators.build(&spec.method, &points)?;
-        Ok(NamedGenerator { facts, selection, variants, weights, built, points, notes })
+        Ok(NamedGenerator { spec, selection, further, variants, weights, built, points, notes })
+    }
+}
+
+impl NamedGenerator {
+    /// Name of the weights; `None` for a generator without experts.
+    pub fn weights_name(&self) -> Option<&str> {
+        self.weights.as_ref().map(|weights| &*weights.name)
+    }
+
+    /// What identifies its attacks in the record of a run.
+    ///
+    /// *Errors*: none on a CPU.
+    pub fn identity(&self) -> Result<Map<String, Value>> {
+        let (mut weights, mut dials) = (Map::new(), Map::new());
+        if let Some(NamedExperts { name, experts, .. }) = &self.weights {
+            let mut hashes = weight_hashes(experts)?;
+            hashes.extend(self.built.files.clone());
+            weights.insert(name.clone(), hashes.into());
+            if !self.spec.points.aggression.is_empty() && self.built.facts.uses_operating_point() {
+                let dial = find_dial(name, experts, &self.selection).ok();
+                dials.insert(name.clone(), json!(dial.map(|dial| dial.mu)));
+            }
+        }
+        let contents = self.selection.objective.contents();
+        let mut identity = json!({
+            "method": self.spec.method.to_string(), "weights": weights, "dials": dials,
+            "selection": self.selection.objective.spec(), "variants": self.variants, "seed": self.spec.seed,
+            "merger": self.spec.merger.to_string(),
+        });
+        if !contents.is_empty() {
+            identity["contents"] = json!(contents);
+        }
+        let Value::Object(identity) = identity else { return Ok(Map::new()) };
+        Ok(identity)
+    }
+
+    /// Description of how an attack was generated, for its row and for the metadata of its scene files.
+    pub fn describe(&self, point: &OperatingPointSpec) -> Map<String, Value> {
+        let described = json!({
+            "method": self.spec.method.name, "options": self.spec.method.options, "lambda": point.lambda, "mu": point.mu,
+            "aggression": point.aggression, "merger": self.spec.merger.to_string(),
+            "selection": self.selection.objective.spec(),
+        });
+        let Value::Object(mut described) = described else { return Map::new() };
+        if !point.mix.is_empty() {
+            let mix = point.mix.iter().map(|(name, weight)| (name.clone(), json!(weight)));
+            described.insert("mix".to_owned(), mix.collect());
+        }
+        described
     }
 }
 

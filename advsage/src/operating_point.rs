@@ -1,6 +1,5 @@
 //! Operating points on the command line, and the keys of result rows.
 
-use anyhow::Result;
 use sage_core::generator::{Mixture, OperatingPoint};
 use sage_generators::Aggression;
 use sage_merging::{ADVERSARIAL, ExpertSet, Range};
@@ -8,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::{Error, part::Part};
+
+/// Most values of a sweep.
+const MOST_VALUES: usize = 1001;
 
 /// An operating point as the user gives it: by λ, by aggression, or by the weights of named experts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,7 +29,7 @@ impl OperatingPointSpec {
     /// The operating point at a λ. μ equals λ unless given; for a λ beyond 0 to 1, the nearest of the two.
     ///
     /// *Errors*: λ or μ out of range.
-    pub fn at(lambda: f64, mu: Option<f64>, range: Range) -> Result<Self> {
+    pub fn at(lambda: f64, mu: Option<f64>, range: Range) -> anyhow::Result<Self> {
         range.check_weights(2, &Mixture::between(lambda))?;
         Ok(Self {
             aggression: None,
@@ -40,7 +42,7 @@ impl OperatingPointSpec {
     /// The operating point at an aggression.
     ///
     /// *Errors*: the aggression is out of range.
-    pub fn of(dial: &Aggression, aggression: f64) -> Result<Self> {
+    pub fn of(dial: &Aggression, aggression: f64) -> anyhow::Result<Self> {
         let (lambda, mu) = dial.lambda_and_mu(aggression)?;
         Ok(Self { aggression: Some(aggression), lambda: Some(lambda), mix: Vec::new(), mu })
     }
@@ -49,7 +51,7 @@ impl OperatingPointSpec {
     /// given.
     ///
     /// *Errors*: μ is out of range.
-    pub fn mixed(mix: &[(String, f64)], mu: Option<f64>) -> Result<Self> {
+    pub fn mixed(mix: &[(String, f64)], mu: Option<f64>) -> anyhow::Result<Self> {
         let adversarial = mix.iter().find(|(name, _)| name == ADVERSARIAL).map_or(0.0, |(_, weight)| *weight);
         Ok(Self {
             aggression: None,
@@ -63,7 +65,7 @@ impl OperatingPointSpec {
     /// its adversarial expert.
     ///
     /// *Errors*: the set does not contain a named expert.
-    pub fn point(&self, experts: Option<&ExpertSet>) -> Result<OperatingPoint> {
+    pub fn point(&self, experts: Option<&ExpertSet>) -> anyhow::Result<OperatingPoint> {
         let mixture = match (experts, self.lambda) {
             (Some(experts), Some(lambda)) => experts.between(lambda)?,
             (Some(experts), None) => {
@@ -142,14 +144,19 @@ pub struct OperatingPoints {
 }
 
 impl OperatingPoints {
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.aggression.is_empty() && self.mix.is_empty() && self.lambda.is_empty()
+    }
+
     /// All of them: aggressions first, then mixtures, then λ. The dial is asked for only if there are aggressions.
     ///
     /// *Errors*: a value that is out of range, or that the merger refuses; those of the dial.
     pub fn specs(
         &self,
         range: Range,
-        dial: impl FnOnce() -> Result<Aggression>,
-    ) -> Result<Vec<OperatingPointSpec>> {
+        dial: impl FnOnce() -> anyhow::Result<Aggression>,
+    ) -> anyhow::Result<Vec<OperatingPointSpec>> {
         let mut specs = Vec::new();
         if !self.aggression.is_empty() {
             let dial = dial()?;
@@ -157,7 +164,7 @@ impl OperatingPoints {
                 self.aggression
                     .iter()
                     .map(|aggression| OperatingPointSpec::of(&dial, *aggression))
-                    .collect::<Result<Vec<_>>>()?,
+                    .collect::<anyhow::Result<Vec<_>>>()?,
             );
         }
         for mix in &self.mix {
@@ -174,13 +181,66 @@ impl OperatingPoints {
     /// Their names in file names, which do not depend on a dial.
     ///
     /// *Errors*: as [`OperatingPoints::specs`].
-    pub fn variants(&self, range: Range) -> Result<Vec<String>> {
+    pub fn variants(&self, range: Range) -> anyhow::Result<Vec<String>> {
         let specs = self.specs(range, || Ok(Aggression::new(vec![0.0, 1.0])?))?;
         Ok(specs.iter().map(OperatingPointSpec::variant).collect())
     }
 }
 
-fn checked(mu: f64) -> Result<f64> {
+/// A finite number.
+///
+/// *Errors*: a text that is none.
+pub fn number(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(format!("`{text}` is not a finite number")),
+    }
+}
+
+/// Parses `1`, `0,0.5,1` or `0:1:0.1`.
+///
+/// *Errors*: no finite number, a step that does not lead to the end, or too many values.
+pub fn sweep(text: &str) -> Result<Vec<f64>, String> {
+    let colons = text.matches(':').count();
+    if colons != 0 && colons != 2 {
+        return Err(format!("`{text}` is no sweep; expected FROM:TO:STEP, such as 0:1:0.25"));
+    }
+    if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
+        let [from, to, step] = [number(from)?, number(to)?, number(step)?];
+        let count = (to - from) / step;
+        if step == 0.0 || count < 0.0 {
+            return Err(format!("the step {step} does not lead from {from} to {to}"));
+        }
+        if count >= MOST_VALUES as f64 {
+            return Err(format!("{text} has more than {} steps", MOST_VALUES - 1));
+        }
+        // Rounded, because three times 0.1 is not exactly 0.3.
+        let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
+        return Ok((0..=(count + 1e-9) as usize).map(at).collect());
+    }
+    if text.split(',').count() > MOST_VALUES {
+        return Err(format!("more than {MOST_VALUES} values"));
+    }
+    text.split(',').map(number).collect()
+}
+
+/// Weights of experts by name: `NAME=WEIGHT,...`.
+///
+/// *Errors*: what is no such list.
+pub fn mix(text: &str) -> Result<Vec<(String, f64)>, String> {
+    let mut weights: Vec<(String, f64)> = Vec::new();
+    for part in text.split(',') {
+        let (name, weight) = part.split_once('=').ok_or(format!("`{part}` is not NAME=WEIGHT"))?;
+        let name = name.trim();
+        if weights.iter().any(|(known, _)| known == name) {
+            return Err(format!("`{name}` has two weights"));
+        }
+        weights.push((name.to_owned(), number(weight)?));
+    }
+    Ok(weights)
+}
+
+fn checked(mu: f64) -> anyhow::Result<f64> {
     if !(0.0..=1.0).contains(&mu) {
         return Err(Error::Value(format!("mu is {mu}; expected 0 to 1")).into());
     }

@@ -160,6 +160,25 @@ impl PolicyPart {
     }
 }
 
+/// Times for the first message of a program, of a drive, and of a step, s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Timeouts(pub [f64; 3]);
+
+impl FromStr for Timeouts {
+    type Err = String;
+
+    /// One number for all, or three: `START,RESET,STEP`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let seconds = |word: &str| word.trim().parse::<f64>().ok().filter(|seconds| *seconds > 0.0);
+        let numbers: Option<Vec<f64>> = text.split(',').map(seconds).collect();
+        match numbers.as_deref() {
+            Some([all]) => Ok(Self([*all; 3])),
+            Some([start, reset, step]) => Ok(Self([*start, *reset, *step])),
+            _ => Err("expected one number of seconds above 0, or three: START,RESET,STEP".to_owned()),
+        }
+    }
+}
+
 impl fmt::Display for PolicyPart {
     /// Times to answer are not shown: they decide no drive.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {

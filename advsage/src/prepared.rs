@@ -8,7 +8,9 @@ use sage_core::{
     objective::{Context, ContextOptions},
     scene::{Scene, SceneIndex},
 };
-use sage_sim::{SimScene, attack_test::AttackTest};
+use sage_sim::{SimScene, attack_test::AttackTest, policy::EgoPolicy};
+
+use crate::generators::Against;
 
 /// The recording of a scene, ready to be attacked.
 ///
@@ -28,6 +30,37 @@ pub fn drive(test: &AttackTest) -> Result<Context> {
     let ctx = test.context()?;
     ctx.check_apart_now()?;
     Ok(ctx)
+}
+
+/// A scene ready to be attacked: its recording, or a driver in it.
+pub struct Prepared<'d> {
+    /// The driver with its drive without an attack; `None` for the recording.
+    pub test: Option<AttackTest<'d>>,
+    /// What generators see.
+    pub ctx: Context,
+}
+
+impl<'d> Prepared<'d> {
+    /// The recording, or a driver after its drive without an attack; `test` lets it drive.
+    ///
+    /// *Errors*: as [`recording`] and [`DriverInScene::new`].
+    pub fn new(
+        scene: Arc<Scene>,
+        index: &Arc<SceneIndex>,
+        driver: &dyn EgoPolicy,
+        test: impl FnOnce(&Arc<SimScene>) -> Result<AttackTest<'d>>,
+    ) -> Result<Self> {
+        if driver.is_recording() {
+            return Ok(Self { test: None, ctx: recording(&scene, index)? });
+        }
+        let DriverInScene { test, ctx } = DriverInScene::new(&SimScene::new(scene, index.clone())?, test)?;
+        Ok(Self { test: Some(test), ctx })
+    }
+
+    /// Whom an attack on it is against.
+    pub fn against(&self) -> Against<'_> {
+        self.test.as_ref().map_or(Against::Recording, Against::Driver)
+    }
 }
 
 /// A driver in a scene, after its drive without an attack.

@@ -18,7 +18,7 @@ mod training;
 
 use std::path::PathBuf;
 
-use advsage::part::PolicyParts;
+use advsage::{operating_point::number, part::PolicyParts};
 use clap::{
     Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
@@ -29,7 +29,7 @@ use sage_data::procedural::Kind;
 use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
 
 pub(crate) use adversaries::{TrainAdversaryCommand, TrainGooseArgs, TrainSealArgs, TrainingScenesArgs};
-pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, ExplainArgs, GenerateArgs, Values};
+pub(crate) use attacking::{AttackArgs, CalibrateArgs, ExplainArgs, GenerateArgs, Values};
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
 pub(crate) use driving::{PlannerArgs, SimulateArgs};
@@ -375,14 +375,6 @@ pub(crate) struct FolderArgs {
     /// Write into a folder that is not empty; an interrupted run there restarts from the beginning.
     #[arg(long)]
     pub force: bool,
-}
-
-/// Parses a finite number.
-fn number(text: &str) -> std::result::Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        _ => Err(format!("`{text}` is not a finite number")),
-    }
 }
 
 impl Cli {

@@ -6,7 +6,7 @@ use sage_run::{Outcome, output::Part};
 use crate::{
     Registries,
     cli::{AnalyseCommand, BenchCommand, Cli, Command, TrainAdversaryCommand},
-    commands, threads,
+    commands,
 };
 
 impl Cli {
@@ -14,7 +14,7 @@ impl Cli {
     ///
     /// *Errors*: the command's error, with the file or part that caused it.
     pub fn execute(self, registries: &Registries) -> Result<Outcome> {
-        threads::build_pool(self.threads)?;
+        sage_run::threads::build_pool(self.threads)?;
         match self.command {
             Command::Demo(args) => commands::demo::run(&args, &registries.parts),
             Command::List { json } => commands::list::run(registries, json),

@@ -2,11 +2,9 @@
 //! parts: build [`Registries`], add entries, and pass them to [`run`].
 //!
 //! - `cli`: arguments. `commands`: one file per command. `dispatch`: which command runs.
-//! - `scenes` lists and reads the scenes of a command, `scene_queue` works on them in parallel with rows that resume, and `output` writes
-//!   folders, files and the record of a run.
-//! - `networks` loads weights by name, and `run_generator` builds the generator of `generate` and `simulate`. [`results`] gives other programs
-//!   their rows and pages, [`generate_job`] one command.
-//! - `drawing` draws scenes, `player` plays drives, `listing` lists results, `bench` times the program, and `terminal`, `progress` and `signals` talk to the user.
+//! - [`bench`] times the program.
+//!
+//! What a command does with many scenes is in `sage_run`, what it shows in `sage_view`, and what attacks and drives in `advsage`.
 //!
 //! ```no_run
 //! use experiments::Registries;
@@ -20,21 +18,12 @@
 //! }
 //! ```
 
-mod attacked_files;
 pub mod bench;
 mod candidates;
 mod cli;
 mod commands;
-pub mod contact_row;
 mod dispatch;
-pub mod generate_job;
 mod junit;
-mod networks;
-mod printing;
-pub mod results;
-mod run_generator;
-mod scenario_files;
-mod signals;
 mod threads;
 
 use std::{io, process::ExitCode};
@@ -59,7 +48,7 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     if let Some(code) = cli.needs_networks().then(threads::restart_without_candle_threads).flatten() {
         return code;
     }
-    signals::clean_up_when_stopped();
+    sage_run::signals::clean_up_when_stopped();
     let outcome = outcome::caught(|| cli.execute(&registries()?));
     if defect::count() > 0 {
         if let Err(error) = outcome {

@@ -1,4 +1,4 @@
-//! Configures threads.
+//! The threads of candle.
 //!
 //! Scenes are distributed over threads, and one thread computes one scene. By default candle also
 //! splits each product and each large sum over its own threads and waits for them. candle reads its
@@ -7,20 +7,8 @@
 
 use std::process::{Command, ExitCode};
 
-use anyhow::{Context as _, Result};
-
 /// Environment variables of candle's number of threads.
 const VARIABLES: [&str; 2] = ["RAYON_NUM_THREADS", "CANDLE_NUM_THREADS"];
-
-/// Builds the thread pool that processes scenes.
-///
-/// *Errors*: the system cannot start so many threads.
-pub(crate) fn build_pool(threads: Option<u16>) -> Result<()> {
-    let all = || std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = threads.map_or_else(all, usize::from);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    pool.with_context(|| format!("cannot start {threads} threads"))
-}
 
 /// Restarts this command with one candle thread and returns its exit code. `None` if candle has one
 /// thread already, or if the restart is impossible.

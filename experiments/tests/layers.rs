@@ -29,7 +29,19 @@ const MAY_USE: [(&str, &[&str]); 14] = [
         ],
     ),
     ("sage-view", &["sage-core", "sage-sim", "advsage"]),
-    ("sage-run", &["sage-core", "sage-data", "sage-backbones", "sage-sim", "advsage"]),
+    (
+        "sage-run",
+        &[
+            "sage-core",
+            "sage-data",
+            "sage-backbones",
+            "sage-merging",
+            "sage-generators",
+            "sage-sim",
+            "advsage",
+            "sage-view",
+        ],
+    ),
     (
         "sage-bench",
         &[
@@ -72,7 +84,6 @@ const MAY_USE: [(&str, &[&str]); 14] = [
             "sage-view",
             "sage-run",
             "sage-bench",
-            "experiments",
         ],
     ),
 ];

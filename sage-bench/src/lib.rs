@@ -3,11 +3,12 @@
 //! - [`study`]: what a file says. [`plan`]: a study with all its parts, checked before a scene is read.
 //! - [`measure`]: what is measured in a scene, one file per kind of measurement. [`runner`]: all scenes, in parallel, resuming.
 //! - [`rows`]: the results. [`estimate`]: means, shares and differences with intervals. [`curve`]: quantities of curves over λ.
-//! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`table`]: Markdown and CSV. [`published`]: numbers of
+//! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`csv_text`]: CSV. [`published`]: numbers of
 //!   the paper.
 //! - What users name becomes a part in [`advsage`].
 
 pub mod chart;
+pub mod csv_text;
 pub mod curve;
 pub mod estimate;
 pub mod measure;
@@ -18,6 +19,5 @@ pub mod report;
 pub mod rows;
 pub mod runner;
 pub mod study;
-pub mod table;
 
 pub use registries::{MetricRegistries, Registries};

@@ -14,8 +14,9 @@ use std::collections::{BTreeSet, HashMap};
 
 use anyhow::Result;
 use rayon::prelude::*;
-use sage_core::text::wrap::wrapped;
-use sage_core::{metric::Aggregate, statistics::Estimate};
+use sage_core::{metric::Aggregate, statistics::Estimate, text::table::Table, text::wrap::wrapped};
+
+use crate::csv_text::csv;
 
 pub(crate) use pairs::KINDS;
 pub use record::{StudyRecord, join, read, rows_csv};
@@ -25,7 +26,6 @@ use crate::{
     published::published,
     rows::{MetricRecord, Results, Subject},
     study::Study,
-    table::{Table, csv},
 };
 
 /// The report as Markdown.

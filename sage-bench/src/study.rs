@@ -43,8 +43,6 @@ pub const SHIPPED: [(&str, &str); 26] = [
     ("paper-extrapolation", include_str!("../studies/paper-extrapolation.yaml")),
     ("paper-cases", include_str!("../studies/paper-cases.yaml")),
 ];
-/// Most values of an axis of numbers.
-const MOST_VALUES: usize = 1001;
 /// Most shares along an axis of a plane.
 const MOST_SHARES: usize = 101;
 /// Size limit of a file, bytes.
@@ -311,39 +309,8 @@ fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Er
     match Numbers::deserialize(deserializer)? {
         Numbers::List(list) => Ok(list),
         Numbers::One(number) => Ok(vec![number]),
-        Numbers::Text(text) => sweep(&text).map_err(serde::de::Error::custom),
+        Numbers::Text(text) => advsage::operating_point::sweep(&text).map_err(serde::de::Error::custom),
     }
-}
-
-/// Parses `1`, `0,0.5,1` or `0:1:0.1`.
-///
-/// *Errors*: no finite number, a step that does not lead to the end, or too many values.
-pub fn sweep(text: &str) -> Result<Vec<f64>, String> {
-    let number = |text: &str| match text.trim().parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        _ => Err(format!("`{text}` is not a finite number")),
-    };
-    let colons = text.matches(':').count();
-    if colons != 0 && colons != 2 {
-        return Err(format!("`{text}` is no sweep; expected FROM:TO:STEP, such as 0:1:0.25"));
-    }
-    if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
-        let [from, to, step] = [number(from)?, number(to)?, number(step)?];
-        let count = (to - from) / step;
-        if step == 0.0 || count < 0.0 {
-            return Err(format!("the step {step} does not lead from {from} to {to}"));
-        }
-        if count >= MOST_VALUES as f64 {
-            return Err(format!("{text} has more than {} steps", MOST_VALUES - 1));
-        }
-        // Rounded, because three times 0.1 is not exactly 0.3.
-        let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
-        return Ok((0..=(count + 1e-9) as usize).map(at).collect());
-    }
-    if text.split(',').count() > MOST_VALUES {
-        return Err(format!("more than {MOST_VALUES} values"));
-    }
-    text.split(',').map(number).collect()
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
-//! Characters in the words of strangers that must reach no terminal, page or drawing.
+//! Texts for people: characters in the words of strangers that must reach no terminal, page or drawing, and numbers with their nouns.
 
+pub mod table;
 pub mod wrap;
 
 use std::{borrow::Cow, fmt::Write as _};
@@ -42,6 +43,16 @@ pub fn escaped_name(text: &str) -> String {
 pub fn escaped_html(text: &str) -> String {
     let text = escaped(text);
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// A number with its noun: `1 scene`, `2 scenes`.
+pub fn count(number: usize, noun: &str) -> String {
+    let ending = match number {
+        1 => "",
+        _ if noun.ends_with("rch") => "es",
+        _ => "s",
+    };
+    format!("{number} {noun}{ending}")
 }
 
 #[cfg(test)]

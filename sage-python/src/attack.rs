@@ -67,13 +67,13 @@ impl PyAttack {
 
     fn scores_of(&self, proposals: &[Proposal]) -> Result<Vec<Scores>> {
         let ctx = self.context()?;
-        let scorer = Scorer::with(&ctx, &self.built.further);
+        let scorer = Scorer::with(&ctx, &self.built.named.further);
         Ok(proposals.iter().map(|one| scorer.scores(&ctx.candidate(one.trajectory.clone()))).collect())
     }
 
     /// How the attack was generated, as the metadata of its scene say.
     fn provenance(&self) -> Value {
-        let (spec, point) = (&self.built.spec, &self.built.named.points[0]);
+        let (spec, point) = (&self.built.named.spec, &self.built.named.points[0]);
         json!({
             "by": concat!("advsage ", env!("CARGO_PKG_VERSION")), "method": spec.method.name, "options": spec.method.options,
             "lambda": point.lambda, "mu": point.mu, "aggression": point.aggression, "merger": spec.merger.to_string(),

@@ -6,24 +6,17 @@ use advsage::{
     Error,
     generators::Against,
     named_generator::{GeneratorSpec, NamedGenerator},
-    prepared::{self, DriverInScene},
+    prepared::Prepared,
 };
 use anyhow::Result;
-use sage_core::{
-    generator::Attack,
-    objective::{Context, FurtherMeasures},
-    scene::SceneData,
-};
-use sage_sim::{SimScene, attack_test::AttackTest};
+use sage_core::{generator::Attack, objective::Context, scene::SceneData};
+use sage_sim::attack_test::AttackTest;
 
 use crate::parts::{Driver, registries};
 
 /// A generator with all that it needs, at one operating point.
 pub(crate) struct Built {
-    pub(crate) spec: GeneratorSpec,
     pub(crate) named: NamedGenerator,
-    /// What scores measure besides their own fields.
-    pub(crate) further: FurtherMeasures,
 }
 
 impl Built {
@@ -31,11 +24,7 @@ impl Built {
     ///
     /// *Errors*: an option is out of range or names an unknown part; weights cannot be used.
     pub(crate) fn new(spec: GeneratorSpec) -> Result<Self> {
-        let registries = registries()?;
-        let named = spec.clone().checked(registries)?.build(|_| {})?;
-        let objective = Some(named.selection.objective.spec());
-        let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, objective)?;
-        Ok(Self { spec, named, further })
+        Ok(Self { named: spec.checked(registries()?)?.build(|_| {})? })
     }
 
     /// Attacks a scene. Returns the scene as the generator saw it, with the driver's unattacked drive in place of the ego's
@@ -50,16 +39,10 @@ impl Built {
     ) -> Result<(Arc<SceneData>, Attack)> {
         let index = scene.index.clone();
         index.build_all();
-        let (attack, ctx) = if driver.policy.is_recording() {
-            let ctx = prepared::recording(&scene.scene, &index)?;
-            (self.named.built.attacks(&ctx, Against::Recording, seed)?, ctx)
-        } else {
-            let simulated = SimScene::new(scene.scene.clone(), index.clone())?;
-            let drives = |scene: &_| Ok(AttackTest::new(&*driver.policy, scene, seed)?);
-            let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
-            (self.named.built.attacks(&ctx, Against::Driver(&test), seed)?, ctx)
-        };
-        let attack = first(attack)?;
+        let drives = |scene: &_| Ok(AttackTest::new(&*driver.policy, scene, seed)?);
+        let prepared = Prepared::new(scene.scene.clone(), &index, &*driver.policy, drives)?;
+        let ctx = &prepared.ctx;
+        let attack = first(self.named.built.attacks(ctx, prepared.against(), seed)?)?;
         attack.check(ctx.scene())?;
         Ok((Arc::new(SceneData { name: scene.name.clone(), scene: ctx.scene().clone(), index }), attack))
     }

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 
 use anyhow::Result;
-use experiments::results::{AttackOfDrive, DriveResult};
 use pyo3::{prelude::*, types::PyType};
 use sage_core::geometry::Point;
 use sage_sim::vehicle::Motion;
@@ -16,6 +15,7 @@ use crate::{
     items,
     made_once::MadeOnce,
     parts::Driver,
+    results::{AttackOfDrive, DriveResult},
     scene::PyScene,
     values::{self, Reduced},
 };

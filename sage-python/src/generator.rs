@@ -54,14 +54,14 @@ impl PyGenerator {
     /// *Errors*: none that building it the first time did not have.
     pub(crate) fn of_seed(&self, seed: u64) -> Result<Arc<Built>> {
         // The plain mixture draws nothing.
-        if seed == self.built.spec.seed || self.built.spec.merger == Part::named("linear") {
+        if seed == self.built.named.spec.seed || self.built.named.spec.merger == Part::named("linear") {
             return Ok(self.built.clone());
         }
         let mut other = self.other_seed.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(built) = other.as_ref().filter(|built| built.spec.seed == seed) {
+        if let Some(built) = other.as_ref().filter(|built| built.named.spec.seed == seed) {
             return Ok(built.clone());
         }
-        let built = Arc::new(Built::new(GeneratorSpec { seed, ..self.built.spec.clone() })?);
+        let built = Arc::new(Built::new(GeneratorSpec { seed, ..self.built.named.spec.clone() })?);
         Ok(other.insert(built).clone())
     }
 }
@@ -142,7 +142,7 @@ impl PyGenerator {
     /// What the generator knows beyond *now*, in words; empty for nothing.
     #[getter]
     fn knows(&self) -> String {
-        self.built.named.facts.knows.beyond_now()
+        self.built.named.built.facts.knows.beyond_now()
     }
 
     /// What the user should know of weights and dial.

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use advsage::prepared;
 use anyhow::Result;
-use experiments::results;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyType},
@@ -20,6 +19,7 @@ use crate::{
     attack::PyAttack,
     errors::{OptionError, UnknownName, detached},
     items::Item,
+    results,
     scene::PyScene,
     values::{self, Reduced},
 };

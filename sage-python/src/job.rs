@@ -1,16 +1,137 @@
 //! A run of `sage generate` in this process, for `advsage.jobs`.
 
-use std::path::PathBuf;
+use std::{fmt::Display, path::PathBuf, str::FromStr};
 
-use experiments::generate_job;
-use pyo3::prelude::*;
+use advsage::{
+    latest_start,
+    named_generator::GeneratorSpec,
+    operating_point::{OperatingPoints, mix, number, sweep},
+    part::Timeouts,
+};
+use pyo3::{prelude::*, types::PyDict};
+use sage_data::ReadOptions;
+use sage_run::{
+    generate::{self, GenerateOptions},
+    outcome,
+    output::{self, Part},
+    progress, signals, threads,
+};
+use serde_json::{Map, Value};
 
-use crate::{errors::detached, parts::registries};
+use crate::{errors::detached, loading::checked_rate, parts::registries};
 
-/// Runs `sage generate` with these words and returns its exit code. Messages go to the standard error, results to the standard output.
+/// Exit code of wrong usage.
+const USAGE: u8 = 2;
+
+/// Options as words: text for each that has a value, true for each flag.
+struct Words<'a, 'py>(&'a Bound<'py, PyDict>);
+
+impl Words<'_, '_> {
+    fn text(&self, name: &str) -> Result<Option<String>, String> {
+        let value = self.0.get_item(name).map_err(|error| error.to_string())?;
+        let text = value.map(|value| value.extract::<String>());
+        text.transpose().map_err(|_| format!("{name} is no text"))
+    }
+
+    fn is_given(&self, name: &str) -> bool {
+        self.0.contains(name).unwrap_or(false)
+    }
+
+    fn read<T>(&self, name: &str, read: impl Fn(&str) -> Result<T, String>) -> Result<Option<T>, String> {
+        let wrong = |problem| format!("--{}: {problem}", name.replace('_', "-"));
+        self.text(name)?.map(|text| read(&text).map_err(wrong)).transpose()
+    }
+
+    fn parsed<T: FromStr<Err: Display>>(&self, name: &str) -> Result<Option<T>, String> {
+        self.read(name, |text| text.parse().map_err(|error: T::Err| error.to_string()))
+    }
+
+    fn required<T: FromStr<Err: Display>>(&self, name: &str) -> Result<T, String> {
+        self.parsed(name)?.ok_or_else(|| format!("{name} is missing"))
+    }
+
+    fn options(&self) -> Result<GenerateOptions, String> {
+        let mut method: advsage::part::Part = self.required("method")?;
+        let object = |text: &str| {
+            serde_json::from_str::<Map<String, Value>>(text)
+                .map_err(|error| format!("no JSON object: {error}"))
+        };
+        method.options.extend(self.read("options", object)?.unwrap_or_default());
+        let rate =
+            self.read("rate", |text| checked_rate(Some(number(text)?)).map_err(|error| error.to_string()))?;
+        Ok(GenerateOptions {
+            scene: self.required("scene")?,
+            generator: GeneratorSpec {
+                method,
+                selection: self.required("selection")?,
+                feasibility: self.parsed("feasibility")?,
+                merger: self.required("merger")?,
+                weights: self.text("weights")?,
+                points: OperatingPoints {
+                    aggression: self.read("aggression", sweep)?.unwrap_or_default(),
+                    mix: self.read("mix", mix)?.into_iter().collect(),
+                    lambda: self.read("lambda", sweep)?.unwrap_or_default(),
+                    mu: self.read("mu", number)?,
+                },
+                seed: self.required("seed")?,
+            },
+            adversary: self.text("adversary")?,
+            ego: self.required("ego")?,
+            ego_timeout: self.parsed("ego_timeout")?.map(|Timeouts(times)| times),
+            latest_start: self.read("latest_start", latest_start::seconds)?,
+            avoidable: self.parsed("avoidable")?,
+            format: self.required("format")?,
+            standard: self.parsed("standard")?,
+            scenario_ego: self.parsed("scenario_ego")?,
+            reading: ReadOptions {
+                now: self.parsed("now")?,
+                resample: self.is_given("resample"),
+                rate: rate.flatten(),
+                trust_positions: self.is_given("trust"),
+                ego_track: self.text("ego_track")?,
+                strict: self.is_given("strict"),
+            },
+            out: self.required("out")?,
+            force: self.is_given("force"),
+            json: self.is_given("json"),
+            quiet: self.is_given("quiet"),
+            no_pages: self.is_given("no_pages"),
+            no_candidates: self.is_given("no_candidates"),
+        })
+    }
+}
+
+/// Runs `sage generate` with options as `advsage.jobs` reads them, and returns its exit code. `words` are those of the command line, as
+/// the run records them. Messages go to the standard error, results to the standard output.
 #[pyfunction]
-pub(crate) fn run_generate(py: Python<'_>, words: Vec<String>) -> PyResult<u8> {
+pub(crate) fn run_generate(py: Python<'_>, options: &Bound<'_, PyDict>, words: Vec<String>) -> PyResult<u8> {
     // The module is the program: a run is resumed by the same one.
     let module: PathBuf = py.import("advsage._advsage")?.getattr("__file__")?.extract()?;
-    detached(py, || Ok(generate_job::run(&words, &module, registries()?)))
+    let given = Words(options);
+    let read = || -> Result<_, String> {
+        let part = if given.is_given("join") { Part::Join } else { Part::of(given.parsed("shard")?) };
+        Ok((given.options()?, part, given.parsed("threads")?))
+    };
+    let (options, part, cores) = match read() {
+        Ok(read) => read,
+        Err(problem) => {
+            progress::say(&format!("error: {problem}"));
+            return Ok(USAGE);
+        }
+    };
+    output::identify_by(&module);
+    let own = words.into_iter().filter(|word| word != "--join");
+    output::stand_for(std::iter::once("generate".to_owned()).chain(own).collect());
+    signals::clean_up_when_stopped();
+    detached(py, || {
+        let registries = registries()?;
+        let done = threads::build_pool(cores).and_then(|()| generate::run(&options, part, registries));
+        Ok(match done {
+            Ok(outcome) => outcome.code(),
+            Err(error) => {
+                progress::say(&format!("error: {error:#}"));
+                outcome::code_of(&error)
+            }
+        })
+    })
 }

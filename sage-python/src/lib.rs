@@ -27,6 +27,7 @@ mod observation;
 mod parts;
 mod planner;
 mod planner_drive;
+mod results;
 mod scene;
 mod scoring;
 mod searching;

@@ -7,7 +7,6 @@ use advsage::{
     prepared::DriverInScene,
 };
 use anyhow::Result;
-use experiments::results::search_rows;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyIterator, PyList},
@@ -27,6 +26,7 @@ use crate::{
     generator::{part, points},
     items::{Item, iterator, next_ahead, object},
     parts::{Driver, registries},
+    results::search_rows,
     scene::{PyScene, Shared},
     values,
 };

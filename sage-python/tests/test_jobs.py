@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -77,7 +78,15 @@ class Jobs(InFolder):
     def test_wrong_usage(self):
         self.assertIn("--out", self.job("generate", str(self.scenes), code=2).stderr)
         self.assertIn("--cores", self.job("generate", "--cores", "0", code=2).stderr)
-        self.assertIn("--lambda", self.job("generate", "--options").stderr)
+        for wrong in ["--lambda=x", "--latest-start=9", "--format=x", "--avoidable={", "--rate=0", "--shard=3/2", "--options=1"]:
+            name = wrong.split("=")[0]
+            self.assertIn(name, self.job(*self.words("bad"), wrong, code=2).stderr)
+        self.job(*self.words("bad"), "--aggression", "1", code=2)
+
+    def test_options_are_those_of_the_command(self):
+        own = set(re.findall(r"--[a-z][a-z-]*", self.job("--help").stdout)) - {"--engine", "--shards", "--cores", "--retries", "--join"}
+        of_command = set(re.findall(r"^ +(?:-h, )?(--[a-z-]+)", command("generate", "--help").stdout, re.MULTILINE))
+        self.assertEqual(own - {"--react"}, of_command)
         self.job(*self.words("bad"), "--method", "x", code=1)
 
     def test_a_shard_that_is_killed_and_run_again(self):

@@ -4,12 +4,17 @@
 //! all cores, with what went wrong. [`scenes`]: the scenes that a run is given. [`outcome`]: how a run ends. Nothing here knows the
 //! arguments of a command.
 
+pub mod generate;
 pub mod input;
+pub mod networks;
 pub mod outcome;
 pub mod output;
+pub mod printing;
 pub mod progress;
 pub mod scene_queue;
 pub mod scenes;
+pub mod signals;
 pub mod terminal;
+pub mod threads;
 
 pub use outcome::Outcome;

@@ -19,7 +19,8 @@ use std::{
 use advsage::ego::Ego;
 use anyhow::{Context, Result, bail};
 use sage_core::files::{self, Existing, OutputLock};
-use sage_data::dataset::Shard;
+use sage_data::{ReadOptions, dataset::Shard};
+use serde_json::{Value, json};
 
 use crate::terminal;
 
@@ -33,8 +34,11 @@ pub use run::{RECORD, Run, RunState, record_of};
 
 /// Folder of what planners that are programs write to their standard error, in the output folder.
 pub const PLANNER_LOGS: &str = "planner-logs";
-/// Length limit of a file name on common file systems, bytes.
-pub const LONGEST_FILE_NAME: usize = 255;
+
+/// What distinguishes a run that reads scenes with these options from others; null for the default.
+pub fn reading_identity(options: &ReadOptions) -> Value {
+    if *options == ReadOptions::default() { Value::Null } else { json!(options) }
+}
 
 /// The folder for the logs of planners. Each shard has its own.
 ///

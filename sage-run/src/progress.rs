@@ -9,6 +9,7 @@ use std::{
 };
 
 use advsage::ego::Ego;
+pub use sage_core::text::count;
 use sage_core::text::wrap::wrapped;
 
 use crate::terminal;
@@ -59,16 +60,6 @@ pub fn show(text: &str) {
     if std::io::stderr().is_terminal() {
         let _ = write!(std::io::stderr(), "\r{}   ", terminal::escaped(text));
     }
-}
-
-/// A number with its noun: `1 scene`, `2 scenes`.
-pub fn count(number: usize, noun: &str) -> String {
-    let ending = match number {
-        1 => "",
-        _ if noun.ends_with("rch") => "es",
-        _ => "s",
-    };
-    format!("{number} {noun}{ending}")
 }
 
 /// Counts finished items.

@@ -11,6 +11,7 @@ use std::{
     },
 };
 
+use advsage::rows::ROW_LIMIT;
 use anyhow::Result;
 use rayon::prelude::*;
 use sage_core::{defect, files, statistics};
@@ -25,9 +26,6 @@ use crate::{
 };
 
 pub use report::{Line, Report, SceneReport};
-
-/// Size limit of a row, bytes. A thousand candidates take 4 MB.
-pub const ROW_LIMIT: u64 = 1 << 30;
 
 /// A scene file with the name of its outputs.
 pub struct Input {

@@ -3,6 +3,7 @@
 //! The page holds the map around the drives, the traffic, and each drive, as integers: centimetres,
 //! milliradians, centimetres per second, each as the difference to the number before. It needs no network.
 
+mod drive_panel;
 mod encoding;
 pub mod map;
 

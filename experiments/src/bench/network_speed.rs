@@ -22,9 +22,8 @@ use sage_core::{
     statistics::median,
 };
 use sage_merging::InterpolatedModel;
+use sage_run::networks;
 use sage_sim::avoidable::{Avoidance, AvoidanceOptions};
-
-use crate::networks;
 
 use super::timing::{CANDIDATES, Data, Timing, measure, timing};
 

@@ -3,19 +3,27 @@
 use std::path::PathBuf;
 
 use advsage::{
-    operating_point::OperatingPoints,
+    latest_start,
+    named_generator::GeneratorSpec,
+    operating_point::{self, OperatingPoints},
     part::{Part, PolicyPart},
 };
-use clap::{Args, ValueEnum};
+use anyhow::{Context as _, Result};
+use clap::{
+    Args, ValueEnum,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
 use sage_data::{
     dataset::Shard,
     openscenario::{EgoMode, Standard},
 };
 use sage_generators::Rate;
+use sage_run::generate::{DatasetFormat, GenerateOptions};
+use serde_json::{Map, Value};
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
-    avoiding::{AvoidableArgs, seconds},
+    avoiding::AvoidableArgs,
     converting::{ego_modes, standards},
     help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION},
     number,
@@ -61,7 +69,7 @@ pub(crate) struct GenerateArgs {
     pub planner: PlannerArgs,
     /// Choose the most adversarial candidate whose latest evasive manoeuvre begins this many seconds before the contact (within
     /// 0.25 s), else the nearest, with a note. More candidates hold more late and early ones: --options '{"candidates": 384, "apart": 2}'.
-    #[arg(long, alias = "react", help_heading = SELECTION, value_name = "T", value_parser = seconds)]
+    #[arg(long, alias = "react", help_heading = SELECTION, value_name = "T", value_parser = latest_start::seconds)]
     pub latest_start: Option<f64>,
     #[command(flatten, next_help_heading = SELECTION)]
     pub avoidable: AvoidableArgs,
@@ -78,7 +86,7 @@ pub(crate) struct GenerateArgs {
     #[arg(long, help_heading = OUTPUT)]
     pub no_candidates: bool,
     /// Format of the written scenes.
-    #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = DatasetFormat::Pickle)]
+    #[arg(long, help_heading = OUTPUT, default_value = "pickle", value_parser = formats())]
     pub format: DatasetFormat,
     /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
     #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
@@ -161,6 +169,27 @@ pub(crate) struct AttackArgs {
 }
 
 impl AttackArgs {
+    /// A generator with these arguments.
+    ///
+    /// *Errors*: `--options` is not a JSON object.
+    pub(crate) fn spec(&self, method: &Part) -> Result<GeneratorSpec> {
+        let mut method = method.clone();
+        if let Some(options) = &self.options {
+            let options: Map<String, Value> =
+                serde_json::from_str(options).context("--options is not a JSON object")?;
+            method.options.extend(options);
+        }
+        Ok(GeneratorSpec {
+            method,
+            selection: self.selection.clone(),
+            feasibility: self.rule.feasibility.clone(),
+            merger: self.points.merging.merger.clone(),
+            weights: self.weights.clone(),
+            points: self.points.listed(),
+            seed: self.seed,
+        })
+    }
+
     /// The first option that is given and makes an attack what it is.
     pub(crate) fn first_given(&self) -> Option<&'static str> {
         let points = &self.points;
@@ -179,21 +208,37 @@ impl AttackArgs {
     }
 }
 
-/// Formats of the scene files of a data set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum DatasetFormat {
-    /// MetaDrive pickles, with `dataset_summary.pkl` and `dataset_mapping.pkl`.
-    Pickle,
-    /// Pickles and native files.
-    Both,
-    /// No scene files: rows, pages and pictures alone.
-    Rows,
-    /// Native files (safetensors).
-    Native,
-    /// JSON of GPUDrive, in which simulators drive the attack and their policy the ego.
-    Gpudrive,
-    /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.
-    Openscenario,
+impl GenerateArgs {
+    /// The options of the run.
+    ///
+    /// *Errors*: `--options` is not a JSON object.
+    pub(crate) fn options(&self) -> Result<GenerateOptions> {
+        Ok(GenerateOptions {
+            scene: self.scene.clone(),
+            generator: self.attack.spec(&self.method)?,
+            adversary: self.attack.adversary.clone(),
+            ego: self.ego.clone(),
+            ego_timeout: self.planner.ego_timeout.map(|times| times.0),
+            latest_start: self.latest_start,
+            avoidable: self.avoidable.options(),
+            format: self.format,
+            standard: self.standard,
+            scenario_ego: self.scenario_ego,
+            reading: self.reading.options(),
+            out: self.folder.out.clone(),
+            force: self.folder.force,
+            json: self.json,
+            quiet: self.quiet,
+            no_pages: self.no_pages,
+            no_candidates: self.no_candidates,
+        })
+    }
+}
+
+/// Parses a format of scene files.
+fn formats() -> impl TypedValueParser<Value = DatasetFormat> {
+    let all = DatasetFormat::ALL.map(|(_, name, help)| PossibleValue::new(name).help(help));
+    PossibleValuesParser::new(all).try_map(|name| name.parse::<DatasetFormat>())
 }
 
 /// Fit the aggression dial of experts, so that the rate of attacks rises linearly.
@@ -291,19 +336,15 @@ pub(crate) struct MergerArgs {
 }
 
 impl OperatingPointArgs {
-    /// The operating points; lambda 1 if none is given.
+    /// The operating points; none if none is given.
     pub(crate) fn listed(&self) -> OperatingPoints {
         let values = |given: &Option<Values>| given.iter().flat_map(|values| values.0.clone()).collect();
-        let mut listed = OperatingPoints {
+        OperatingPoints {
             aggression: values(&self.aggression),
             mix: self.mix.iter().map(|Mix(mix)| mix.clone()).collect(),
             lambda: values(&self.lambda),
             mu: self.mu,
-        };
-        if listed.aggression.is_empty() && listed.mix.is_empty() && listed.lambda.is_empty() {
-            listed.lambda.push(1.0);
         }
-        listed
     }
 }
 
@@ -312,16 +353,7 @@ impl OperatingPointArgs {
 pub(crate) struct Mix(pub Vec<(String, f64)>);
 
 fn mix(text: &str) -> std::result::Result<Mix, String> {
-    let mut weights: Vec<(String, f64)> = Vec::new();
-    for part in text.split(',') {
-        let (name, weight) = part.split_once('=').ok_or(format!("`{part}` is not NAME=WEIGHT"))?;
-        let name = name.trim();
-        if weights.iter().any(|(known, _)| known == name) {
-            return Err(format!("`{name}` has two weights"));
-        }
-        weights.push((name.to_owned(), number(weight)?));
-    }
-    Ok(Mix(weights))
+    operating_point::mix(text).map(Mix)
 }
 
 /// Feasibility rule of a command that selects candidates.
@@ -340,5 +372,5 @@ pub(crate) struct Values(pub Vec<f64>);
 
 /// Parses `1`, `0,0.5,1` or `0:1:0.1`.
 fn values(text: &str) -> std::result::Result<Values, String> {
-    Ok(Values(sage_bench::study::sweep(text)?))
+    Ok(Values(operating_point::sweep(text)?))
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use advsage::part::{Part, PolicyPart, PolicyParts};
+use advsage::part::{Part, PolicyPart, PolicyParts, Timeouts};
 use clap::Args;
 use sage_data::dataset::Shard;
 
@@ -78,22 +78,8 @@ pub(crate) struct SimulateArgs {
 pub(crate) struct PlannerArgs {
     /// Seconds that a planner that is a program has to answer: START,RESET,STEP for its first message, for that of
     /// a drive and for that of a step, or one number for all (default: 60,20,5).
-    #[arg(long, value_name = "TIMES", value_parser = timeouts, allow_hyphen_values = true)]
+    #[arg(long, value_name = "TIMES", allow_hyphen_values = true)]
     pub ego_timeout: Option<Timeouts>,
-}
-
-/// Times for the first message of a program, of a drive, and of a step, s.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Timeouts(pub [f64; 3]);
-
-fn timeouts(text: &str) -> Result<Timeouts, String> {
-    let seconds = |word: &str| word.trim().parse::<f64>().ok().filter(|seconds| *seconds > 0.0);
-    let numbers: Option<Vec<f64>> = text.split(',').map(seconds).collect();
-    match numbers.as_deref() {
-        Some([all]) => Ok(Timeouts([*all; 3])),
-        Some([start, reset, step]) => Ok(Timeouts([*start, *reset, *step])),
-        _ => Err("expected one number of seconds above 0, or three: START,RESET,STEP".to_owned()),
-    }
 }
 
 impl PlannerArgs {

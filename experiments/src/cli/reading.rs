@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use sage_data::ReadOptions;
 use sage_run::scenes::Filter;
-use serde_json::{Value, json};
 
 use super::help::SCENE;
 
@@ -55,12 +54,6 @@ impl ReadingArgs {
     pub(crate) fn options(&self) -> ReadOptions {
         let Self { now, resample, rate, trust, strict, ego_track } = self.clone();
         ReadOptions { now, resample, rate, trust_positions: trust.is_some(), ego_track, strict }
-    }
-
-    /// What distinguishes a run with these options from others; null for the default.
-    pub(crate) fn identity(&self) -> Value {
-        let options = self.options();
-        if options == ReadOptions::default() { Value::Null } else { json!(options) }
     }
 }
 

@@ -9,17 +9,18 @@ use sage_bench::{
         bar,
         line::{self, Chart, Line},
     },
-    table::{Table, csv},
+    csv_text::{csv, of_table},
 };
+use sage_core::text::table::Table;
 use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, REALISTIC};
 use sage_run::{
-    Outcome,
+    Outcome, networks,
     output::{self, Folder},
     progress,
 };
 
 use self::components::Components;
-use crate::{cli::ConnectivityArgs, networks};
+use crate::cli::ConnectivityArgs;
 
 /// The page as Markdown.
 const PAGE: &str = "connectivity.md";
@@ -36,9 +37,9 @@ pub(crate) fn run(args: &ConnectivityArgs, registries: &Registries) -> Result<Ou
     let folder = Folder::make(&args.folder.out, args.folder.force)?;
     let path = path(&geometry);
     let files = [
-        ("path.csv", path.csv()),
+        ("path.csv", of_table(&path)),
         ("geometry.svg", line::draw(["lambda", "value"], along(&geometry))?),
-        ("layers.csv", layers(&geometry).csv()),
+        ("layers.csv", of_table(&layers(&geometry))),
         ("layers.svg", largest_layers(&geometry)),
     ];
     for (name, text) in files.into_iter().chain(components(&all, &geometry)?) {

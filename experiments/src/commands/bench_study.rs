@@ -17,12 +17,11 @@ use sage_bench::{
     runner::{self, Observer},
     study::{MAX_STUDY_FILE, Study},
 };
-use sage_core::files;
-use sage_core::text::wrap::wrapped;
+use sage_core::{files, text::wrap::wrapped};
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
 use sage_run::{
-    Outcome,
+    Outcome, networks,
     outcome::EndsWith,
     output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord},
     progress::{self, Progress, count},
@@ -33,9 +32,7 @@ use serde_json::json;
 use crate::{
     Registries,
     cli::{ReportArgs, StudyArgs},
-    networks,
 };
-
 use measured::{ChosenScenes, RESULTS, StoredResults, described, records, result_file, short_names};
 
 /// Files of every finished study.

@@ -11,14 +11,14 @@ use sage_bench::curve::Linearity;
 use sage_core::objective::PartSpec;
 use sage_generators::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
 use sage_run::{
-    Outcome,
+    Outcome, networks,
     output::{self, OutputFile},
     progress::{self, Progress},
     scenes::Scenes,
 };
 
 use self::attack_grid::AttackGrid;
-use crate::{cli::CalibrateArgs, networks};
+use crate::cli::CalibrateArgs;
 
 /// Number of aggressions at which a dial is evaluated.
 const AGGRESSIONS: usize = 11;

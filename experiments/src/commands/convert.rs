@@ -182,7 +182,7 @@ fn identity(args: &ConvertArgs, inputs: &Inputs) -> Value {
         "convert": ending(args.to),
         "standard": is_scenario.then(|| args.standard.unwrap_or_default().name()),
         "ego": is_scenario.then(|| args.ego.unwrap_or_default().name()),
-        "reading": args.reading.identity(),
+        "reading": output::reading_identity(&args.reading.options()),
         "scenes_per_file": (args.to == ConvertFormat::Womd).then(|| args.scenes_per_file()),
         "inputs": hasher.finalize().to_hex()[..16],
         "force": args.folder.force,

@@ -10,7 +10,7 @@ use std::{
     sync::Arc,
 };
 
-use advsage::{Registries, generators::Against, prepared};
+use advsage::{Registries, generators::Against, prepared, rows::search::SceneRow};
 use anyhow::{Result, bail, ensure};
 use sage_core::{
     objective::{Context, ContextOptions},
@@ -18,16 +18,12 @@ use sage_core::{
 };
 use sage_data::{Recording, checks};
 use sage_run::{
-    Outcome,
+    Outcome, networks,
     output::{self, OutputFile},
     progress, terminal,
 };
 
-use super::search::SceneRow;
-use crate::{
-    cli::{ExplainArgs, Values},
-    run_generator::RunGenerator,
-};
+use crate::cli::{ExplainArgs, Values};
 use attack_row::AttackRow;
 use explanation::Explanation;
 
@@ -109,7 +105,7 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
     if points.lambda.is_none() && points.aggression.is_none() && points.mix.is_none() {
         points.lambda = Some(Values(LAMBDAS.to_vec()));
     }
-    let generator = RunGenerator::new(&args.method, &attack, registries)?;
+    let generator = networks::build_generator(attack.spec(&args.method)?, registries)?;
     let recording = Recording::read_as(&args.scene, &args.reading.options())?;
     for warning in checks::important(&recording.scene) {
         progress::say(&format!("warning: {warning}"));
@@ -122,7 +118,7 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
     let (mut all, mut candidates) = (Vec::new(), picture::Candidates::default());
     for (attack, point) in attacks.iter().zip(&generator.points) {
         attack.check(ctx.scene())?;
-        let label = if uses_point { point.long_label() } else { generator.method.to_string() };
+        let label = if uses_point { point.long_label() } else { generator.spec.method.to_string() };
         let (explanation, kinds) = Explanation::of(attack, &ctx, objective, point.mu, label);
         candidates = picture::Candidates::of(attack, &ctx, &explanation, &kinds);
         all.push(explanation);
@@ -131,7 +127,7 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
         "`{}` with the adversary `{}`, generator `{}`, selection `{}`:",
         terminal::escaped_name(&args.scene.display().to_string()),
         terminal::escaped_name(&ctx.adversary().id),
-        generator.method,
+        generator.spec.method,
         attack.selection
     );
     Ok(Explained { title, scene, all, candidates })

@@ -16,21 +16,20 @@ use sage_backbones::{
     training::{CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune},
     weights::PRIOR_FILE,
 };
-use sage_bench::table::Table;
-use sage_core::{objective::Objective, scene::SceneData};
+use sage_bench::csv_text::of_table;
+use sage_core::{objective::Objective, scene::SceneData, text::table::Table};
 use sage_generators::DIAL_FILE;
 use sage_merging::{ExpertFile, ExpertSet};
 use sage_run::{
-    Outcome,
+    Outcome, networks,
     output::{self, Run, RunState},
     progress,
     scenes::{self, Scenes},
 };
 use serde_json::{Map, Value, json};
 
+use crate::cli::FinetuneArgs;
 use options::{EDGES, Expert, RunOptions};
-
-use crate::{cli::FinetuneArgs, networks};
 
 /// Maximum number of prepared scenes in memory, about 12 GB.
 const MOST_PREPARED: usize = 8192;
@@ -183,7 +182,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         reports.push(json!({"expert": name, "options": options}));
     }
     prior.parameters().save(&loaded.header, &folder.path().join(PRIOR_FILE))?;
-    folder.write("finetune.csv", table.csv().as_bytes())?;
+    folder.write("finetune.csv", of_table(&table).as_bytes())?;
     if args.variants.is_some() {
         for (file, svg) in curves::draw(&table)? {
             folder.write(file, svg.as_bytes())?;

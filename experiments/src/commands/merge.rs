@@ -8,19 +8,17 @@ use std::path::{Path, PathBuf};
 use advsage::{Registries, weights};
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::{Parameters, parameters::Header, training::Tunes, weights::PRIOR_FILE};
-use sage_bench::table::Table;
-use sage_core::generator::Mixture;
+use sage_core::{generator::Mixture, text::table::Table};
 use sage_merging::{ExpertFile, ExpertSet, Range, merged_weights};
 use sage_run::{
-    Outcome,
+    Outcome, networks,
     output::{self, Folder, Inputs},
     progress, scenes,
     terminal::{escaped_markdown, escaped_markdown_code},
 };
 use serde_json::json;
 
-use crate::{cli::MergeArgs, networks};
-
+use crate::cli::MergeArgs;
 use greedy_soup::{Search, Step};
 use recipe::Recipe;
 

@@ -16,14 +16,11 @@ use sage_core::{
     seed::Rng,
 };
 use sage_data::{Recording, checks};
-use sage_run::{Outcome, input, output::OutputFile, progress, terminal};
+use sage_run::{Outcome, input, networks, output::OutputFile, progress, terminal};
 use sage_view::drawing::{self, DrawnPath, Picture};
 use serde::Serialize;
 
-use crate::{
-    cli::{PredictArgs, SelectArg},
-    networks,
-};
+use crate::cli::{PredictArgs, SelectArg};
 
 #[derive(Serialize)]
 struct PredictionRow<'p> {

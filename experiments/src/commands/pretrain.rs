@@ -13,14 +13,14 @@ use sage_backbones::{
     weights::PRIOR_FILE,
 };
 use sage_run::{
-    Outcome, input,
+    Outcome, input, networks,
     output::{self, Folder, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
 };
 use serde_json::json;
 
-use crate::{cli::PretrainArgs, networks};
+use crate::cli::PretrainArgs;
 
 /// File of the training state.
 const STATE: &str = "last.safetensors";

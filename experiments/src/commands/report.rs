@@ -5,6 +5,7 @@ mod entry;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
+use advsage::rows::search::SceneRow;
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{files, geometry::Aabb};
@@ -24,10 +25,7 @@ use sage_view::{
 };
 use serde::Serialize;
 
-use super::search::{
-    SceneRow,
-    found::{FailureFile, FailureScene, Found, without_folders},
-};
+use super::search::found::{FailureFile, FailureScene, Found, without_folders};
 use crate::cli::{FailureReportArgs, Keep};
 use entry::Entry;
 

@@ -2,15 +2,16 @@
 
 pub(super) mod found;
 mod picture;
-pub(crate) mod plan_row;
-pub(crate) mod row;
 mod scene;
 mod searcher;
 mod summary;
 
 use std::path::Path;
 
-use advsage::Registries;
+use advsage::{
+    Registries,
+    rows::search::{SceneRow, drives_file, failure_name, row_file, unchanged_file},
+};
 use anyhow::{Result, bail};
 use sage_run::{
     Outcome,
@@ -20,8 +21,6 @@ use sage_run::{
 };
 
 use crate::cli::{Keep, SearchArgs};
-
-pub(super) use row::{SceneRow, failure_name, row_file, unchanged_file};
 use scene::{picture_file, search_scene};
 use searcher::Searcher;
 use summary::Summary;
@@ -92,8 +91,7 @@ fn done(folder: &Path, run_hash: &str, input: &Input) -> Option<SceneRow> {
 /// Existing outputs of a scene: the files that its row names, and the row, which is removed last.
 fn outputs(folder: &Path, input: &Input) -> Vec<String> {
     let row = row_file(&input.scene);
-    let mut names =
-        vec![picture_file(&input.scene), row::drives_file(&input.scene), unchanged_file(&input.scene)];
+    let mut names = vec![picture_file(&input.scene), drives_file(&input.scene), unchanged_file(&input.scene)];
     if let Some(found) = SceneRow::read(&folder.join(&row)) {
         let start = format!("{}-{}", input.scene, failure_name(1).trim_end_matches('1'));
         let is_own = |file: &String| file.contains(&start) && !file.contains(['/', '\\']);

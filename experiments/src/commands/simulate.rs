@@ -1,10 +1,9 @@
 //! `sage simulate`: drives scenes with policies, with or without attacks, and writes pages that play them.
 
 mod attack_file;
-pub(crate) mod attacks;
+mod attacks;
 mod check_planner;
 mod index;
-pub(crate) mod row;
 mod scene;
 mod summary;
 
@@ -12,38 +11,39 @@ use std::path::PathBuf;
 
 use advsage::{
     Registries,
+    attacked_files::LONGEST_FILE_NAME,
     ego::{self, Ego},
+    named_generator::NamedGenerator,
     part::{PolicyPart, PolicyParts},
 };
 use anyhow::{Result, bail};
 use sage_run::{
-    Outcome,
-    output::{self, Counts, DatasetRun, Ended, LONGEST_FILE_NAME, MANIFEST, Part, RECORD},
+    Outcome, networks,
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
     progress,
     scene_queue::{self, Input, Report, Scenes, Worked},
 };
 use serde_json::{Value, json};
 
-use crate::{cli::SimulateArgs, run_generator::RunGenerator};
-
+use crate::cli::SimulateArgs;
 use attack_file::AttackFile;
 use scene::{page_file, simulate_scene};
 
 /// What attacks the drivers.
-enum Attacked<'a> {
+enum Attacked {
     /// Nothing: the scene is driven as it is.
     AsItIs,
     /// An attack from a file.
     FromFile(Box<AttackFile>),
     /// A generator, at operating points.
-    Generated(Box<RunGenerator<'a>>),
+    Generated(Box<NamedGenerator>),
 }
 
 /// All inputs of the command except the scenes.
 struct Simulation<'a> {
     args: &'a SimulateArgs,
     egos: Vec<Ego>,
-    attacked: Attacked<'a>,
+    attacked: Attacked,
     /// Says on each page what attacks.
     subtitle: String,
 }
@@ -52,15 +52,17 @@ impl<'a> Simulation<'a> {
     /// Checks all arguments except the scenes; reads weights and the attack.
     ///
     /// *Errors*: an argument is out of range or names an unknown part; a file cannot be read.
-    fn new(args: &'a SimulateArgs, registries: &'a Registries) -> Result<Self> {
+    fn new(args: &'a SimulateArgs, registries: &Registries) -> Result<Self> {
         let parts = drivers(args);
         let egos = Ego::all(&parts, registries)?;
         progress::say_notes(&egos);
         let (attacked, subtitle) = match (&args.method, &args.attack) {
             (Some(method), _) => {
-                let generator = RunGenerator::new(method, &args.options, registries)?;
-                let subtitle =
-                    format!("attacks by {}, each planned against the drive without it", generator.method);
+                let generator = networks::build_generator(args.options.spec(method)?, registries)?;
+                let subtitle = format!(
+                    "attacks by {}, each planned against the drive without it",
+                    generator.spec.method
+                );
                 (Attacked::Generated(Box::new(generator)), subtitle)
             }
             (None, file) => {
@@ -112,7 +114,7 @@ impl<'a> Simulation<'a> {
     /// *Errors*: the file of a `path` or of the attack cannot be read.
     fn identity(&self) -> Result<Value> {
         let mut identity = match &self.attacked {
-            Attacked::Generated(generator) => generator.identity()?,
+            Attacked::Generated(generator) => networks::generator_identity(generator)?,
             _ => json!({
                 "command": output::command(), "seed": self.args.options.seed,
                 "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
@@ -120,7 +122,7 @@ impl<'a> Simulation<'a> {
         };
         identity["ego"] = drivers(self.args).iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
         identity["adversary"] = json!(self.args.options.adversary);
-        let reading = self.args.reading.identity();
+        let reading = output::reading_identity(&self.args.reading.options());
         if !reading.is_null() {
             identity["reading"] = reading;
         }
@@ -202,7 +204,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
         }
     }
     if let Some(table) = summary::table(&simulation, &folder, &scenes.reported_by(part), &hash) {
-        crate::printing::print_table(&table, args.json)?;
+        sage_run::printing::print_table(&table, args.json)?;
     }
     let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
     if worked.has_results() && out.join(&page).is_file() {

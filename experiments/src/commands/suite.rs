@@ -4,7 +4,11 @@ mod upgrade;
 
 use std::collections::{HashMap, HashSet};
 
-use advsage::Registries;
+use advsage::{
+    Registries,
+    attacked_files::{Attack, AttackedFiles, Formats},
+    rows::search::{SceneRow, failure_name},
+};
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
 use sage_data::{Recording, dataset};
@@ -20,14 +24,8 @@ use sage_sim::search::{
     suite::{Found as Origin, MOST_TESTS, SCENES, Suite, SuiteTest, VERSION, is_plain, plan_hash},
 };
 
-use super::search::{
-    SceneRow, failure_name,
-    found::{FailureFile, FailureScene, Found, json, without_folders},
-};
-use crate::{
-    attacked_files::{Attack, AttackedFiles, Formats},
-    cli::{Keep, SearchFormat, SuiteArgs},
-};
+use super::search::found::{FailureFile, FailureScene, Found, json, without_folders};
+use crate::cli::{Keep, SearchFormat, SuiteArgs};
 
 /// File of a suite.
 pub(super) const FILE: &str = "suite.json";

@@ -15,16 +15,17 @@ use std::{
     time::Instant,
 };
 
-use advsage::{driver_search::DriverSearch, search::rule};
 use advsage::{
+    driver_search::DriverSearch,
     generators::{BuiltGenerator, Generators, weight_hashes},
     part::Part,
+    search::rule,
     selection::Selection,
 };
 use anyhow::{Context as _, Result, bail};
 use sage_core::scene::{SceneData, SceneIndex};
 use sage_run::{
-    Outcome,
+    Outcome, networks,
     output::{self, Run, RunState},
     progress,
     scenes::{self, Scenes, with_other_egos},
@@ -40,7 +41,6 @@ use self::{chosen::Chosen, columns::Columns, trained::Trained};
 use crate::{
     Registries,
     cli::{EgosName, SplitArgs, TrainEgoArgs},
-    networks,
 };
 
 /// Name for no generator.

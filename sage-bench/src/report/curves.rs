@@ -1,13 +1,12 @@
 //! Quantities of the curve of each method over its operating points.
 
 use anyhow::{Context as _, Result, ensure};
-use sage_core::statistics::Estimate;
+use sage_core::{statistics::Estimate, text::table::Table};
 
 use crate::{
     curve::{Curve, Path, Point, VALUES, best_lambda, hypervolume, monotone, unevenness, within},
     rows::{Key, Results, Subject},
     study::{CurveQuantity, Study},
-    table::Table,
 };
 
 /// Methods that belong to one curve, in their order.

@@ -2,12 +2,12 @@
 
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
+use sage_core::text::table::Table;
 
 use super::{named, shown};
 use crate::{
     rows::{Key, Results},
     study::{PairSpec, Study},
-    table::Table,
 };
 
 /// All pairs of arms under the same attack.

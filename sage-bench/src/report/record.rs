@@ -6,9 +6,9 @@ use anyhow::{Context as _, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    csv_text::csv,
     rows::{Cell, Key, MetricRecord, Results, Subject},
     study::Study,
-    table::csv,
 };
 
 /// What `rows.csv` does not say: the study, its methods, metrics and scenes.

@@ -3,12 +3,11 @@
 
 use advsage::operating_point::OperatingPointSpec;
 use anyhow::{Context as _, Result};
-use sage_core::statistics::rank_correlation;
+use sage_core::{statistics::rank_correlation, text::table::Table};
 
 use crate::{
     curve::{Linearity, shapley_of_lambda},
     rows::{Results, Subject},
-    table::Table,
 };
 
 /// What the tables are of.

@@ -2,12 +2,12 @@
 //! Holm's method within a family.
 
 use anyhow::{Context as _, Result};
+use sage_core::text::table::Table;
 
 use crate::{
     estimate::{Difference, holm},
     rows::{Results, Subject},
     study::{Family, Study},
-    table::Table,
 };
 
 /// Half the width of an interval up to which a difference that is not resolved is known to be small.

@@ -1,12 +1,14 @@
 //! What thresholds say of drivers: the point at which half of the scenes fail, and whether the area orders drivers as their
 //! faults do.
 
-use sage_core::statistics::{Estimate, kendall_tau};
+use sage_core::{
+    statistics::{Estimate, kendall_tau},
+    text::table::Table,
+};
 
 use crate::{
     estimate::of_scenes,
     rows::{Results, Subject},
-    table::Table,
 };
 
 /// Names of the metrics of the curve, without their numbers.

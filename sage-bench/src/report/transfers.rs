@@ -2,12 +2,11 @@
 //! much is lost from one to the other, and which driver is the best to make attacks for another.
 
 use advsage::operating_point::OperatingPointSpec;
-use sage_core::statistics::Estimate;
+use sage_core::{statistics::Estimate, text::table::Table};
 
 use crate::{
     estimate::{Samples, of_scenes},
     rows::{Key, Results, Subject},
-    table::Table,
 };
 
 /// Rates whose loss is shown.

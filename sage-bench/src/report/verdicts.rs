@@ -4,6 +4,7 @@ use anyhow::Result;
 use sage_core::{
     metric::Aggregate,
     statistics::{Estimate, wilson},
+    text::table::Table,
 };
 
 use super::{Estimates, cell, named, shown};
@@ -11,7 +12,6 @@ use crate::{
     published::{Published, published},
     rows::{Key, Results, Subject},
     study::{Study, VerdictSpec},
-    table::Table,
 };
 
 /// Half-width of a 95 % interval in standard deviations.

@@ -142,33 +142,93 @@ def generate(
     return worst if worst not in (0, 65) else joined
 
 
-def main(words: list[str] | None = None) -> int:
-    words = sys.argv[1:] if words is None else words
+def _of_engine() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    group = parser.add_argument_group("engine")
+    group.add_argument("--engine", choices=["local", *ENGINES], default="local", help="who shares out the work (default: local)")
+    group.add_argument("--shards", type=int, help="number of shards (default: four for each worker)")
+    group.add_argument("--cores", type=int, default=2, help="cores of a shard (default: 2)")
+    group.add_argument("--retries", type=int, default=5, help="tries after the first one of a shard whose worker died (default: 5)")
+    return parser
+
+
+def _of_generate(engine: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    """The options of `sage generate`, whose help says more of each."""
     parser = argparse.ArgumentParser(
         prog="python -m advsage.jobs",
         description=(__doc__ or "").split("\n\n")[0],
-        epilog="Other options are those of `sage generate`: python -m advsage.jobs generate --options",
+        epilog="docs/generating.md describes the options.",
+        parents=[engine],
         allow_abbrev=False,
     )
     parser.add_argument("command", choices=["generate"], help="attack scenes")
-    parser.add_argument("--engine", choices=["local", *ENGINES], default="local", help="who shares out the work (default: local)")
-    parser.add_argument("--shards", type=int, help="number of shards (default: four for each worker)")
-    parser.add_argument("--cores", type=int, default=2, help="cores of a shard (default: 2)")
-    parser.add_argument("--retries", type=int, default=5, help="tries after the first one of a shard whose worker died (default: 5)")
-    parser.add_argument("--options", action="store_true", help="show the options of `sage generate`")
-    own, others = parser.parse_known_args(words)
-    if own.options:
-        return _advsage.run_generate(["--help"])
+    parser.add_argument("scene", help="scene file, TFRecord file, record (FILE#3), or folder of them")
+    add = parser.add_argument_group("attack").add_argument
+    add("--method", default="sage", metavar="NAME", help="generator (default: sage)")
+    add("--options", metavar="JSON", help="options of the generator")
+    points = parser.add_mutually_exclusive_group()
+    points.add_argument("--lambda", metavar="L", help="interpolation weight: a number, a list, or FROM:TO:STEP (default: 1)")
+    points.add_argument("--aggression", metavar="A", help="aggression, which sets lambda and mu")
+    points.add_argument("--mix", metavar="NAME=W,...", help="weights of the experts by name")
+    add("--mu", metavar="M", help="weight of the selection, 0 to 1 (default: lambda)")
+    add("--merger", default="linear", metavar="NAME", help="merger of the experts (default: linear)")
+    add("--weights", metavar="NAME", help="weights of the experts: a name or a folder (default: procedural)")
+    add("--seed", default="0", metavar="S", help="seed of random numbers (default: 0)")
+    add = parser.add_argument_group("selection").add_argument
+    add("--selection", default="natural", metavar="NAME", help="objective that selects (default: natural)")
+    add("--feasibility", metavar="NAME", help="feasibility rule in place of that of the selection")
+    add("--latest-start", "--react", metavar="T", help="seconds before the contact at which an evasive manoeuvre must begin")
+    add("--avoidable", nargs="?", const="{}", metavar="JSON", help="options of the search for evasive manoeuvres")
+    add = parser.add_argument_group("driver").add_argument
+    add("--ego", default="replay", metavar="POLICY", help="drives the ego before the attack (default: replay)")
+    add("--ego-timeout", metavar="TIMES", help="seconds that a driver that is a program has to answer")
+    add = parser.add_argument_group("scene").add_argument
+    add("--adversary", metavar="ID", help="track of the adversary")
+    add("--now", metavar="FRAME", help="frame that becomes now")
+    add("--resample", action="store_true", help="also read recordings below 5 Hz")
+    add("--rate", metavar="HZ", help="frames per second of a file without times")
+    add("--trust", choices=["positions"], help="recompute values that contradict the positions")
+    add("--ego-track", metavar="ID", help="road user that is the ego")
+    add("--strict", action="store_true", help="refuse a scene with an unusable road user")
+    add = parser.add_argument_group("output").add_argument
+    add("--out", required=True, metavar="DIR", help="output folder")
+    add("--format", default="pickle", metavar="NAME", help="pickle, native, both, rows, gpudrive or openscenario (default: pickle)")
+    add("--standard", metavar="VERSION", help="version of OpenSCENARIO")
+    add("--scenario-ego", metavar="WHO", help="who drives the ego of a scenario")
+    printed = parser.add_mutually_exclusive_group()
+    printed.add_argument("--json", action="store_true", help="print results as JSON")
+    printed.add_argument("--quiet", action="store_true", help="print the table at the end alone")
+    add("--no-pages", action="store_true", help="write no pages and no pictures")
+    add("--no-candidates", action="store_true", help="leave candidates that were not selected out of the rows")
+    add = parser.add_argument_group("run").add_argument
+    add("--threads", metavar="N", help="number of threads (default: all cores)")
+    part = parser.add_mutually_exclusive_group()
+    part.add_argument("--force", action="store_true", help="write into a folder that is not empty")
+    part.add_argument("--shard", metavar="K/N", help="attack the scenes of a shard alone")
+    part.add_argument("--join", action="store_true", help="complete the folder from its shards; work on no scene")
+    return parser
+
+
+def main(words: list[str] | None = None) -> int:
+    words = sys.argv[1:] if words is None else words
+    engine = _of_engine()
+    parser = _of_generate(engine)
+    given = vars(parser.parse_args(words))
+    own, others = engine.parse_known_args(words)
+    others.remove("generate")
     for name, value, least in [("--shards", own.shards, 1), ("--cores", own.cores, 1), ("--retries", own.retries, 0)]:
         if value is not None and value < least:
             parser.error(f"{name} is {value}; expected at least {least}")
+    if given["aggression"] and given["mu"]:
+        parser.error("--aggression sets mu; leave out --mu")
     if own.engine != "local":
         return generate(others, own.engine, own.shards, own.cores, own.retries)
     if os.environ.get(PARENT):
         parent = int(os.environ[PARENT])
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     # In this process, which does nothing else.
-    return _advsage.run_generate(others)
+    options = {name: value for name, value in given.items() if value not in (None, False) and name not in vars(own)}
+    return _advsage.run_generate(options, others)
 
 
 if __name__ == "__main__":

@@ -91,7 +91,7 @@ pub(crate) fn of(described: &Bound<'_, PyDict>) -> PyResult<Described> {
     };
     if let Attacks::Generator(built) = &attacks
         && get("curriculum")?.is_some()
-        && built.spec.points.mu.is_some()
+        && built.named.spec.points.mu.is_some()
     {
         return Err(OptionError::new_err(
             "adversary: a curriculum sets λ and μ of each attack; leave mu out of the generator",

@@ -1,5 +1,7 @@
 //! What a driver can do with the car: the limits of the search for an evasive manoeuvre.
 
+use std::str::FromStr;
+
 use sage_core::Error;
 use serde::{Deserialize, Serialize};
 
@@ -42,6 +44,20 @@ impl Default for AvoidanceOptions {
             dead_time: 0.0,
             refinement: 1,
         }
+    }
+}
+
+impl FromStr for AvoidanceOptions {
+    type Err = String;
+
+    /// Options as JSON, or the word `comfortable`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "comfortable" {
+            return Ok(Self::comfortable());
+        }
+        let options: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
+        options.check().map_err(|error| error.to_string())?;
+        Ok(options)
     }
 }
 

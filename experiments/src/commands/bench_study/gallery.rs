@@ -8,11 +8,12 @@ use sage_bench::{
     plan::Plan,
     report::Report,
     rows::{Results, Subject},
-    table::Table,
+    runner::SceneSource as _,
 };
 use sage_core::{
     objective::{Context, ContextOptions, Scorer, verdict},
     scene::SceneData,
+    text::table::Table,
 };
 use sage_run::{
     output::{self, Folder},
@@ -21,7 +22,6 @@ use sage_run::{
 use sage_view::drawing::{self, Picture, drawn_path};
 
 use super::measured::ChosenScenes;
-use sage_bench::runner::SceneSource as _;
 
 /// Pictures of believable attacks, and of failed ones.
 const SHOWN: usize = 3;

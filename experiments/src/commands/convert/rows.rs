@@ -5,6 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use advsage::{
+    attacked_files::{Attack, AttackedFiles, Facts, Formats},
+    rows::ROW_LIMIT,
+};
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{
     files::{self, Existing},
@@ -15,15 +19,12 @@ use sage_run::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
     progress,
-    scene_queue::{self, Failure, Input, ROW_LIMIT, Report, SceneReport, Scenes, Worked},
+    scene_queue::{self, Failure, Input, Report, SceneReport, Scenes, Worked},
 };
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::{
-    attacked_files::{Attack, AttackedFiles, Facts, Formats},
-    cli::{ConvertArgs, ConvertFormat},
-};
+use crate::cli::{ConvertArgs, ConvertFormat};
 
 /// Fields of a row that say what came of an attack and not how it was generated; `Row` takes the others.
 const RESULTS: [&str; 7] = ["run_hash", "files", "chosen", "violations", "outcome", "counts", "note"];
@@ -97,7 +98,7 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
     let identity = json!({
         "convert": super::ending(args.to), "rows": source.run, "scenes": names_hash(&scenes.names()),
         "standard": args.standard.unwrap_or_default().name(), "ego": args.ego.unwrap_or_default().name(),
-        "reading": args.reading.identity(), "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+        "reading": output::reading_identity(&args.reading.options()), "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
     let outdated = || vec![MANIFEST.to_owned()];
     let run = DatasetRun::start(out, identity, args.folder.force, part, &[MANIFEST], outdated)?;

@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use advsage::scenario_files;
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
     defect::Defect,
@@ -25,10 +26,7 @@ use sage_run::{
 };
 
 use super::{Tally, file_name, with_suffix};
-use crate::{
-    cli::{ConvertArgs, ConvertFormat},
-    scenario_files,
-};
+use crate::cli::{ConvertArgs, ConvertFormat};
 
 /// Size limit of a scenario, bytes.
 const SCENARIO_LIMIT: u64 = 1 << 30;

@@ -5,7 +5,7 @@ use std::{
     sync::Arc,
 };
 
-use advsage::Registries;
+use advsage::{Registries, rows::ROW_LIMIT};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
@@ -16,7 +16,6 @@ use sage_core::{
     scene::Scene,
 };
 use sage_data::{ReadOptions, Recording};
-use sage_run::scene_queue::ROW_LIMIT;
 use serde::Deserialize;
 
 /// What is read of the file.

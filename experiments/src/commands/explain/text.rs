@@ -1,8 +1,7 @@
 //! An explanation as text.
 
 use advsage::selection_outcome::SelectionOutcome;
-use sage_bench::table::Table;
-use sage_core::text::wrap::wrapped;
+use sage_core::{text::table::Table, text::wrap::wrapped};
 use sage_run::terminal;
 
 use super::explanation::{Explanation, ValuedCandidate};

@@ -1,10 +1,8 @@
 //! The training curves of several variants as charts: a line for each expert.
 
 use anyhow::{Context as _, Result};
-use sage_bench::{
-    chart::line::{self, Line},
-    table::Table,
-};
+use sage_bench::chart::line::{self, Line};
+use sage_core::text::table::Table;
 
 /// File, column of `finetune.csv`, and name of the axis.
 const CHARTS: [(&str, &str, &str); 4] = [

@@ -2,7 +2,8 @@
 
 use anyhow::Result;
 use sage_backbones::training::EpochRow;
-use sage_bench::{chart::line, table::Table};
+use sage_bench::{chart::line, csv_text::of_table};
+use sage_core::text::table::Table;
 use sage_run::output::Folder;
 
 /// Columns of the table.
@@ -26,7 +27,7 @@ pub(super) fn write(folder: &Folder, rows: &[EpochRow]) -> Result<()> {
         let cells = std::iter::once(r.steps.to_string()).chain(numbers).chain([format!("{:.1}", r.seconds)]);
         table.row(r.epoch.to_string(), cells);
     }
-    folder.write("curve.csv", table.csv().as_bytes())?;
+    folder.write("curve.csv", of_table(&table).as_bytes())?;
     let line = |(name, value): (&str, Value)| {
         let points = rows.iter().map(|r| [f64::from(r.epoch), value(r)]).filter(|[_, y]| y.is_finite());
         (name.to_owned(), points.collect())

@@ -1,5 +1,6 @@
 //! The page of a scene: its failures in the player, from their rows alone.
 
+use advsage::rows::search::SceneRow;
 use anyhow::Result;
 use sage_core::{
     motion::{DT, NOW},
@@ -9,10 +10,7 @@ use sage_sim::{avoidable::Avoidable, vehicle::Motion};
 use sage_view::player::{self, Meeting, Panel};
 
 use super::{FILE, entry::Entry};
-use crate::commands::search::{
-    SceneRow,
-    found::{FailureFile, FailureScene, without_folders},
-};
+use crate::commands::search::found::{FailureFile, FailureScene, without_folders};
 
 /// Drives in a row.
 const COLUMNS: usize = 3;

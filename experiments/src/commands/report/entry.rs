@@ -1,5 +1,6 @@
 //! What the page says of one failure.
 
+use advsage::rows::search::failure_name;
 use anyhow::{Context as _, Result};
 use sage_core::geometry::{Aabb, Point};
 use sage_sim::{
@@ -10,10 +11,7 @@ use sage_view::listing::car::{Car, path, shown_area};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::commands::search::{
-    failure_name,
-    found::{FailureFile, FailureScene, without_folders},
-};
+use crate::commands::search::found::{FailureFile, FailureScene, without_folders};
 
 /// A failure on the page.
 #[derive(Serialize)]

@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use advsage::rows::search::{SceneRow, failure_name, row_file, unchanged_file};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
@@ -28,8 +29,6 @@ use sage_sim::{
 };
 use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
-
-use super::{SceneRow, failure_name, row_file, unchanged_file};
 
 /// Size limit of a row, bytes.
 const LIMIT: u64 = 1 << 24;

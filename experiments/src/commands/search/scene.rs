@@ -2,7 +2,18 @@
 
 use std::{sync::Arc, time::Instant};
 
-use advsage::prepared::DriverInScene;
+use advsage::{
+    attacked_files::{Attack, AttackedFiles, Scenarios},
+    prepared::DriverInScene,
+    rows::{
+        contact::step,
+        plan::PlanRow,
+        search::{
+            DrivenRow, DrivesFile, EvaluatedRow, FailureRow, RowHead, SceneRow, drives_file, failure_name,
+            row_file, unchanged_file,
+        },
+    },
+};
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
     files,
@@ -21,20 +32,8 @@ use sage_sim::{
 use sage_view::player::shown_part;
 use serde_json::{Map, Value, json};
 
-use super::{
-    picture,
-    plan_row::PlanRow,
-    row::{
-        DrivenRow, DrivesFile, EvaluatedRow, FailureRow, RowHead, SceneRow, drives_file, failure_name,
-        row_file, unchanged_file,
-    },
-    searcher::Searcher,
-};
-use crate::{
-    attacked_files::{Attack, AttackedFiles, Scenarios},
-    cli::SearchFormat,
-    contact_row::step,
-};
+use super::{picture, searcher::Searcher};
+use crate::cli::SearchFormat;
 
 /// Name of the picture of a scene.
 pub(super) fn picture_file(scene: &str) -> String {

@@ -2,27 +2,20 @@
 
 use advsage::{
     Registries,
+    attacked_files::Formats,
     ego::{self, Ego},
     generators::weight_hashes,
+    named_search::{NamedSearch, SearchSpec},
     search::PlanSources,
     selection::Selection,
 };
-use advsage::{
-    named_search::{NamedSearch, SearchSpec},
-    operating_point::OperatingPoints,
-};
 use anyhow::{Result, bail, ensure};
 use sage_data::openscenario::Options;
-use sage_run::{output, progress};
+use sage_run::{networks, output, progress};
 use sage_sim::search::SearchOptions;
 use serde_json::{Map, Value, json};
 
-use crate::{
-    attacked_files::Formats,
-    cli::{SearchArgs, SearchFormat},
-    networks,
-    run_generator::spec,
-};
+use crate::cli::{SearchArgs, SearchFormat};
 
 /// What searches all scenes.
 pub(super) struct Searcher<'a> {
@@ -50,16 +43,15 @@ impl<'a> Searcher<'a> {
             args.method.is_some() || args.attack.options.is_none(),
             "--options needs a generator; name it with --method, such as --method sage"
         );
-        let method = args.method.as_ref().map(|method| spec(method, &args.attack)).transpose()?;
+        let method = args.method.as_ref().map(|method| args.attack.spec(method)).transpose()?;
         let given = &args.attack.points;
-        let has_points = given.lambda.is_some() || given.aggression.is_some() || given.mix.is_some();
         let spec = SearchSpec {
             method: method.map(|spec| spec.method),
             selection: args.attack.selection.clone(),
             feasibility: args.attack.rule.feasibility.clone(),
             merger: given.merging.merger.clone(),
             weights: args.attack.weights.clone(),
-            points: if has_points { given.listed() } else { OperatingPoints::default() },
+            points: given.listed(),
             plans: args.plans,
             seed: args.attack.seed,
         };
@@ -136,7 +128,7 @@ impl<'a> Searcher<'a> {
         }
         identity["references"] = json!(self.args.reference);
         identity["fault"] = json!(self.args.fault);
-        let reading = self.args.reading.identity();
+        let reading = output::reading_identity(&self.args.reading.options());
         if !reading.is_null() {
             identity["reading"] = reading;
         }

@@ -2,12 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use advsage::rows::search::SceneRow;
 use sage_core::statistics::wilson;
 use sage_run::progress::count;
 use sage_sim::search::{Reason, Requirement};
 use serde_json::{Map, Value, json};
-
-use super::row::SceneRow;
 
 /// Counts over the scenes that are done.
 pub(super) struct Summary {

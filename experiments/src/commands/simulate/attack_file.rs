@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use advsage::rows::ROW_LIMIT;
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{
     files,
@@ -10,7 +11,6 @@ use sage_core::{
     scene::{Scene, Track},
 };
 use sage_data::Recording;
-use sage_run::scene_queue::ROW_LIMIT;
 use serde_json::{Map, Value};
 
 /// Way in one step that no vehicle covers, metres.

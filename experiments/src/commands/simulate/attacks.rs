@@ -1,26 +1,16 @@
 //! What attacks the drivers of one scene.
 
-use std::num::NonZeroUsize;
-
-use advsage::{generators::Against, prepared};
-use anyhow::{Context as _, Result};
-use sage_core::{
-    motion::{NOW, Trajectory},
-    objective::{Context, Reason, Scorer},
+use advsage::{
+    generators::Against, named_generator::NamedGenerator, planned_attack::PlannedAttack, prepared,
 };
+use anyhow::{Context as _, Result};
+use sage_core::{motion::Trajectory, objective::Context};
 use sage_data::Recording;
 use sage_run::scene_queue::Failure;
-use sage_sim::{
-    attack_test::{AttackPath, AttackTest},
-    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
-    drive::Drive,
-    episode::{Episode, LAST_FRAME, Verdict},
-    search::AttackedPath,
-};
+use sage_sim::attack_test::{AttackPath, AttackTest};
 use serde_json::{Map, Value};
 
-use super::{Attacked, attack_file, row::AttackRow};
-use crate::{contact_row::step, run_generator::RunGenerator};
+use super::{Attacked, attack_file};
 
 /// What attacks the drivers of one scene.
 pub(super) enum SceneAttacks<'a> {
@@ -29,7 +19,7 @@ pub(super) enum SceneAttacks<'a> {
     /// One attack from a file, with its description.
     Given(Trajectory, Map<String, Value>),
     /// A generator at its operating points.
-    Generated(&'a RunGenerator<'a>),
+    Generated(&'a NamedGenerator),
 }
 
 /// One drive of a driver: its attack, and what its row says of it.
@@ -41,19 +31,6 @@ pub(super) struct PlannedDrive {
     pub(super) swept: Option<(&'static str, f64)>,
     /// `None` for the scene as it is.
     pub(super) attack: Option<PlannedAttack>,
-}
-
-/// An attack that was planned against the drive without it.
-pub(crate) struct PlannedAttack {
-    /// The adversary's path: the plan, or what it drove against this driver.
-    pub(super) path: AttackPath,
-    pub(super) feasible: bool,
-    /// Step of the contact with that drive.
-    contact: Option<usize>,
-    /// The scene with that drive.
-    ctx: Context,
-    /// Drives of the driver that the generator asked for.
-    queries: usize,
 }
 
 impl<'a> SceneAttacks<'a> {
@@ -107,11 +84,12 @@ impl<'a> SceneAttacks<'a> {
             Self::Generated(generator) => {
                 let (ctx, built) = (context()?, &generator.built);
                 let test = test.context("an attacked driver is tested")?;
-                let attacks = built.planned(&ctx, Against::Driver(test), generator.args.seed)?;
+                let attacks = built.planned(&ctx, Against::Driver(test), generator.spec.seed)?;
                 let planned = attacks.into_iter().zip(&generator.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();
-                    let label = if uses_point { point.long_label() } else { generator.method.to_string() };
+                    let label =
+                        if uses_point { point.long_label() } else { generator.spec.method.to_string() };
                     let path = test.path_of(&attack)?;
                     let planned = PlannedAttack::of(&ctx, path);
                     let attack = planned.after(attack.queries);
@@ -122,49 +100,6 @@ impl<'a> SceneAttacks<'a> {
                 planned.collect()
             }
         }
-    }
-}
-
-impl PlannedAttack {
-    /// A plan in the scene with the drive before.
-    pub(crate) fn of(ctx: &Context, path: AttackPath) -> Self {
-        let scores = Scorer::new(ctx).scores(&ctx.candidate(path.trajectory.clone()));
-        let (feasible, contact) = (scores.feasible, scores.collision_step);
-        Self { path, feasible, contact, ctx: ctx.clone(), queries: 0 }
-    }
-
-    /// The same, found after so many drives of the driver.
-    pub(crate) fn after(self, queries: usize) -> Self {
-        Self { queries, ..self }
-    }
-
-    /// The row of the attack, with what the attacked drive says of it. `before` is the drive without the attack.
-    ///
-    /// *Errors*: those of the search for evasive manoeuvres.
-    pub(crate) fn row(self, verdict: Verdict, episode: &Episode, before: &Drive) -> Result<AttackRow> {
-        let first = before.contacts.first().map(|contact| contact.step);
-        let mut row = AttackRow {
-            trajectory: self.path.trajectory.clone(),
-            feasible: self.feasible,
-            planned_contact: self.contact,
-            believable: None,
-            unbelievable: Vec::new(),
-            verdict,
-            queries: NonZeroUsize::new(self.queries),
-            avoidable: Avoidable::default(),
-            unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
-        };
-        let Some(contact) = episode.contacts.first().filter(|_| verdict.attack) else { return Ok(row) };
-        let ctx = AttackedPath::of(episode, before).context(&self.ctx)?;
-        let candidate = ctx.candidate(self.path.trajectory);
-        row.unbelievable = Scorer::new(&ctx).scores(&candidate).unbelievable;
-        if !verdict.solid && row.unbelievable.is_empty() {
-            row.unbelievable.push(Reason::shallow(contact.overlap));
-        }
-        row.believable = Some(row.unbelievable.is_empty());
-        let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
-        row.avoidable = avoidance.of_contact(&candidate, contact.contact.step.checked_sub(NOW));
-        Ok(row)
     }
 }
 

@@ -2,11 +2,12 @@
 
 use std::fmt::Write as _;
 
+use advsage::rows::drive::DriveRow;
 use anyhow::Result;
 use sage_run::{output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
 use sage_view::html_page::link;
 
-use super::{Simulation, row::DriveRow, scene::page_file};
+use super::{Simulation, scene::page_file};
 
 /// Name of the page.
 pub(super) const FILE: &str = "index.html";

@@ -2,7 +2,10 @@
 
 use std::{sync::Arc, time::Instant};
 
-use advsage::ego::Ego;
+use advsage::{
+    ego::Ego,
+    rows::drive::{AttackRow, DriveRow, RowHead},
+};
 use anyhow::{Context as _, Result};
 use sage_core::{
     files,
@@ -20,11 +23,7 @@ use sage_view::player::{self, Panel, Sweep};
 
 use serde_json::{Map, Value};
 
-use super::{
-    Simulation,
-    attacks::SceneAttacks,
-    row::{AttackRow, DriveRow, RowHead},
-};
+use super::{Simulation, attacks::SceneAttacks};
 
 /// Most drives of a driver that are shown side by side. More share a box with a slider.
 const MOST_BESIDE: usize = 5;
@@ -252,7 +251,9 @@ impl SceneDrives<'_> {
         let sweep = driven.swept.filter(|_| is_sweep);
         let sweep = sweep.map(|(axis, value)| Sweep { group: driven.ego, axis, value });
         Some(match &driven.result {
-            DriveResult::Driven(episode, row) => Panel { sweep, ..row.panel(name, episode, own, unattacked) },
+            DriveResult::Driven(episode, row) => {
+                Panel { sweep, ..Panel::of_drive(row, name, episode, own, unattacked) }
+            }
             DriveResult::Failed(failure) => {
                 let drive = failure.drive.as_deref()?;
                 Panel {

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use sage_bench::table::Table;
+use advsage::rows::drive::DriveRow;
+use sage_core::text::table::Table;
 use sage_run::scene_queue::{Input, is_row_of};
 
-use super::{Simulation, row::DriveRow};
+use super::Simulation;
 
 /// Drives of one driver at one attack.
 #[derive(Default)]

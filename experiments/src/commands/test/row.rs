@@ -1,7 +1,7 @@
 //! The result of a test, as a row, as words and as a case of JUnit.
 
 use anyhow::Result;
-use sage_bench::table::Table;
+use sage_core::text::table::Table;
 use sage_run::{Outcome, output, progress, terminal};
 use sage_sim::search::{
     Clauses, Evaluated, Met,

@@ -7,16 +7,15 @@ mod weight_and_output;
 use advsage::Registries;
 use anyhow::{Result, ensure};
 use sage_backbones::training::{Measures, PreparedScene};
-use sage_bench::{
-    curve::{Curve as Sweep, Point as Measure, VALUES, Value, best_lambda, heights},
-    table::Table,
-};
+use sage_bench::curve::{Curve as Sweep, Point as Measure, VALUES, Value, best_lambda, heights};
 use sage_core::{
     scene::SceneData,
     statistics::{self, Estimate},
+    text::table::Table,
 };
 use sage_merging::{ADVERSARIAL, Geometry, REALISTIC};
 use sage_run::{
+    networks,
     progress::{self, Progress},
     scenes::Scenes,
 };
@@ -26,7 +25,7 @@ use self::{
     models::{Measured, Points, models},
     weight_and_output::Comparison,
 };
-use crate::{cli::TheoryArgs, networks};
+use crate::cli::TheoryArgs;
 
 /// Weight of each expert's own reward in the shipped experts.
 const BETA: f64 = 0.9;

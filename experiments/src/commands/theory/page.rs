@@ -7,7 +7,7 @@ mod numbers;
 use std::fmt::Write as _;
 
 use anyhow::Result;
-use sage_bench::table::Table;
+use sage_core::text::table::Table;
 use sage_run::output::Folder;
 use theory_checks::{Report, Setup, Verdict};
 

@@ -32,7 +32,7 @@ use sage_backbones::{
 };
 use sage_core::scene::SceneData;
 use sage_run::{
-    Outcome,
+    Outcome, networks,
     outcome::caught,
     output::{self, Run, RunState},
     progress::{self, count},
@@ -43,7 +43,7 @@ use serde_json::{Value, json};
 
 use self::{collected::Collected, curves::Curves};
 use super::training_scenes::TrainingScenes;
-use crate::{cli::TrainSealArgs, networks};
+use crate::cli::TrainSealArgs;
 
 /// The same with the skills of ordinary driving.
 const BENIGN_FILE: &str = "seal-benign.safetensors";

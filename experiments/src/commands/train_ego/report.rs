@@ -10,7 +10,8 @@ use std::{
 };
 
 use anyhow::Result;
-use sage_bench::table::{Table, csv};
+use sage_bench::csv_text::csv;
+use sage_core::text::table::Table;
 use sage_run::{
     output::Run,
     progress,

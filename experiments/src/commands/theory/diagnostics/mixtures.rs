@@ -1,7 +1,10 @@
 //! Diagnostics of mixtures against the log: weight against output mixing, and the squared error as a likelihood.
 
-use sage_bench::{estimate::of_scenes, table::Table};
-use sage_core::statistics::{self, Estimate};
+use sage_bench::estimate::of_scenes;
+use sage_core::{
+    statistics::{self, Estimate},
+    text::table::Table,
+};
 use theory_checks::{Figure, Series};
 
 use super::{

@@ -1,6 +1,6 @@
 //! Parts of a page, as Markdown and as HTML.
 
-use sage_bench::table::Table;
+use sage_core::text::table::Table;
 use sage_run::terminal::escaped_html;
 use theory_checks::{Figure, Verdict};
 

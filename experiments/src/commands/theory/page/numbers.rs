@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use sage_bench::table::Table;
+use sage_core::text::table::Table;
 use theory_checks::Number;
 
 /// The numbers of a claim, each with that of the independent implementation in parentheses.

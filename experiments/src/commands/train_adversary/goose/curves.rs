@@ -3,10 +3,10 @@
 use anyhow::Result;
 use sage_bench::{
     chart::line::{self, Line},
+    csv_text::of_table,
     estimate,
-    table::Table,
 };
-use sage_core::statistics::Estimate;
+use sage_core::{statistics::Estimate, text::table::Table};
 use sage_run::output::Folder;
 
 use super::training::{Ended, Losses};
@@ -69,7 +69,7 @@ pub(super) fn write(ended: &[Ended], losses: &[Losses], folder: &Folder) -> Resu
             }
         }
     }
-    folder.write(TABLE, table.csv().as_bytes())?;
+    folder.write(TABLE, of_table(&table).as_bytes())?;
     let lines: Vec<Line> = vec![("goal reached".to_owned(), goal), ("contact".to_owned(), contact)];
     let picture = line::draw(["decision", "share of scenes, %"], lines)?;
     folder.write(PICTURE, picture.as_bytes())

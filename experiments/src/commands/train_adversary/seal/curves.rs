@@ -3,8 +3,9 @@
 use anyhow::Result;
 use sage_bench::{
     chart::line::{self, Line},
-    table::Table,
+    csv_text::of_table,
 };
+use sage_core::text::table::Table;
 use sage_run::output::Folder;
 
 /// File of the table.
@@ -40,7 +41,7 @@ impl Curves {
     ///
     /// *Errors*: the folder cannot be written to.
     pub(super) fn write(&self, folder: &Folder) -> Result<()> {
-        folder.write(TABLE, self.table.csv().as_bytes())?;
+        folder.write(TABLE, of_table(&self.table).as_bytes())?;
         for (part, [training, validation]) in &self.parts {
             let lines: Vec<Line> = [("training", training), ("validation", validation)]
                 .map(|(name, points)| (name.to_owned(), points.clone()))

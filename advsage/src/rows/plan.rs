@@ -1,17 +1,18 @@
 //! Where the plan of a drive comes from, as rows say it.
 
-use advsage::operating_point::RowKey;
 use sage_core::objective::kinematic_penalty;
 use sage_sim::search::Pool;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
+
+use crate::operating_point::RowKey;
 
 /// Goals that are drawn at random, whatever λ is.
 const RANDOM: &str = "random";
 
 /// Where a plan comes from.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct PlanRow {
+pub struct PlanRow {
     /// Its number in the pool.
     number: usize,
     /// Generator.
@@ -26,7 +27,8 @@ pub(crate) struct PlanRow {
 }
 
 impl PlanRow {
-    pub(crate) fn new(pool: &Pool, number: usize, source: Option<&RowKey>) -> Self {
+    /// The row of a plan of the pool; `source` is what generated it.
+    pub fn new(pool: &Pool, number: usize, source: Option<&RowKey>) -> Self {
         let plan = &pool.plans[number];
         let point = source.and_then(|key| key.point.as_ref());
         let mix = point.iter().flat_map(|point| &point.mix);
@@ -41,7 +43,7 @@ impl PlanRow {
     }
 
     /// The plan in words.
-    pub(super) fn words(&self) -> String {
+    pub fn words(&self) -> String {
         let name = self.method.split('{').next().unwrap_or_default();
         match self.lambda {
             Some(lambda) if name != RANDOM => format!("{name} lambda {lambda}"),

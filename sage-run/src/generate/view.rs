@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use advsage::operating_point::OperatingPointSpec;
+use advsage::{operating_point::OperatingPointSpec, rows::found_attack};
 use anyhow::Result;
 use sage_core::{
     generator::Proposal,
@@ -18,7 +18,6 @@ use sage_view::{
 };
 
 use super::{
-    found_row,
     measured::MeasuredAttack,
     names::INDEX,
     plan::Plan,
@@ -91,7 +90,7 @@ impl SceneView<'_> {
             });
         }
         let generator = &self.plan.generator;
-        let subtitle = format!("attacks by {}", generator.method);
+        let subtitle = format!("attacks by {}", generator.spec.method);
         player::page(scene, [self.name, &subtitle], &panels, &paths.all, MOST_BESIDE, Some(INDEX))
     }
 
@@ -157,7 +156,7 @@ impl Paths {
 /// What came of an attack, in a sentence.
 fn ending(one: &MeasuredAttack, unbelievable: &[Reason]) -> String {
     // The page shows no code, so names stand there without quotation marks.
-    let mut sentence = found_row::words(one.outcome, &one.counts, one.contact, unbelievable);
+    let mut sentence = found_attack::words(one.outcome, &one.counts, one.contact, unbelievable);
     if let Some(first) = sentence.get(..1).map(str::to_uppercase) {
         sentence.replace_range(..1, &first);
     }

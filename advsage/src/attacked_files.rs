@@ -7,48 +7,63 @@ use sage_data::{
     openscenario::{Export, License, Options, Provenance},
 };
 use sage_generators::attacked;
-use sage_run::output::LONGEST_FILE_NAME;
 use serde_json::{Map, Value, json};
 
 use crate::scenario_files::{self, with_facts};
 
+/// Length limit of a file name on common file systems, bytes.
+pub const LONGEST_FILE_NAME: usize = 255;
+
 /// Which files are written.
 #[derive(Clone, Debug)]
-pub(crate) struct Formats {
-    pub(crate) pickle: bool,
-    pub(crate) native: bool,
-    pub(crate) gpudrive: bool,
+pub struct Formats {
+    /// Pickles.
+    pub pickle: bool,
+    /// Native files.
+    pub native: bool,
+    /// JSON of GPUDrive.
+    pub gpudrive: bool,
     /// Choices for OpenSCENARIO files, without the licence; `None` if none are written.
-    pub(crate) scenario: Option<Options>,
+    pub scenario: Option<Options>,
 }
 
 /// What an attacked scene is made from, beside the scene and the plan.
-pub(crate) struct Attack<'a> {
-    pub(crate) trajectory: &'a Trajectory,
+pub struct Attack<'a> {
+    /// The adversary's plan.
+    pub trajectory: &'a Trajectory,
     /// Name of the attack, as part of file names.
-    pub(crate) variant: &'a str,
+    pub variant: &'a str,
     /// How it was generated.
-    pub(crate) described: &'a Map<String, Value>,
-    pub(crate) weights: Option<&'a str>,
-    pub(crate) seed: u64,
+    pub described: &'a Map<String, Value>,
+    /// Name of the weights; `None` without.
+    pub weights: Option<&'a str>,
+    /// Seed of the run.
+    pub seed: u64,
     /// The command that generated it.
-    pub(crate) command: &'a str,
+    pub command: &'a str,
 }
 
 /// What an OpenSCENARIO file says about its attack.
-pub(crate) struct Facts<'a> {
-    pub(crate) seed: u64,
-    pub(crate) adversary: &'a str,
-    pub(crate) feasible: bool,
-    pub(crate) collision_step: Option<usize>,
-    pub(crate) adversarial_reward: f64,
-    pub(crate) kinematic_penalty: f64,
-    pub(crate) behavior_penalty: f64,
+pub struct Facts<'a> {
+    /// Seed of the run.
+    pub seed: u64,
+    /// Track of the adversary.
+    pub adversary: &'a str,
+    /// Whether the plan is feasible.
+    pub feasible: bool,
+    /// Step of the contact, after *now*.
+    pub collision_step: Option<usize>,
+    /// Adversarial reward of the paper.
+    pub adversarial_reward: f64,
+    /// Kinematic penalty of the paper.
+    pub kinematic_penalty: f64,
+    /// Behaviour penalty of the paper.
+    pub behavior_penalty: f64,
 }
 
 impl Facts<'_> {
     /// The facts and how the attack was generated.
-    pub(crate) fn and(&self, described: &Map<String, Value>) -> Map<String, Value> {
+    pub fn and(&self, described: &Map<String, Value>) -> Map<String, Value> {
         let mut facts = described.clone();
         for (key, value) in [
             ("seed", json!(self.seed)),
@@ -66,7 +81,7 @@ impl Facts<'_> {
 }
 
 /// Writes attacks into one recorded scene.
-pub(crate) struct AttackedFiles<'s> {
+pub struct AttackedFiles<'s> {
     scene: &'s str,
     formats: Formats,
     writer: VariantWriter,
@@ -74,7 +89,7 @@ pub(crate) struct AttackedFiles<'s> {
 }
 
 /// The OpenSCENARIO files of one scene: their map is made once.
-pub(crate) struct Scenarios<'f> {
+pub struct Scenarios<'f> {
     export: Export,
     origin: &'f Provenance,
 }
@@ -83,7 +98,7 @@ impl<'s> AttackedFiles<'s> {
     /// A writer for a recording, whose files have names that begin with `scene`.
     ///
     /// *Errors*: the recording cannot be written, or has no licence or origin that OpenSCENARIO could state.
-    pub(crate) fn new(recording: &Recording, scene: &'s str, formats: Formats) -> Result<Self> {
+    pub fn new(recording: &Recording, scene: &'s str, formats: Formats) -> Result<Self> {
         let writer = VariantWriter::new(recording)?;
         let origin = match formats.scenario {
             Some(_) => Some((scenario_files::license(recording)?, scenario_files::provenance(recording)?)),
@@ -95,7 +110,7 @@ impl<'s> AttackedFiles<'s> {
     /// Refuses a scene whose outputs would have names that no file can have.
     ///
     /// *Errors*: the name of a variant is too long.
-    pub(crate) fn check_names<'v>(&self, variants: impl Iterator<Item = &'v str>) -> Result<()> {
+    pub fn check_names<'v>(&self, variants: impl Iterator<Item = &'v str>) -> Result<()> {
         for variant in variants {
             let (dataset, version) = (self.writer.dataset(), self.writer.version());
             let name = dataset::file_name(dataset, version, &format!("{}-{variant}", self.scene));
@@ -109,7 +124,7 @@ impl<'s> AttackedFiles<'s> {
     }
 
     /// The OpenSCENARIO files of a scene; `None` if none are written.
-    pub(crate) fn scenarios(&self, scene: &Scene) -> Option<Scenarios<'_>> {
+    pub fn scenarios(&self, scene: &Scene) -> Option<Scenarios<'_>> {
         let (options, (license, origin)) = self.formats.scenario.clone().zip(self.origin.as_ref())?;
         Some(Scenarios {
             export: Export::new(scene, Options { license: license.clone(), ..options }),
@@ -120,7 +135,7 @@ impl<'s> AttackedFiles<'s> {
     /// Pickle, native file and JSON of an attack, as file names and contents.
     ///
     /// *Errors*: an attack that the scene cannot hold.
-    pub(crate) fn files(&self, scene: &Scene, attack: &Attack) -> Result<Vec<(String, Vec<u8>)>> {
+    pub fn files(&self, scene: &Scene, attack: &Attack) -> Result<Vec<(String, Vec<u8>)>> {
         let mut all = Vec::with_capacity(2);
         let Formats { pickle, native, gpudrive, .. } = self.formats;
         if !pickle && !native && !gpudrive {
@@ -158,7 +173,7 @@ impl<'s> AttackedFiles<'s> {
     /// Map and scenario of an attack. The scenario goes after its map.
     ///
     /// *Errors*: as [`AttackedFiles::files`].
-    pub(crate) fn scenario(
+    pub fn scenario(
         &self,
         scenarios: &Scenarios,
         scene: &Scene,

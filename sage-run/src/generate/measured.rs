@@ -1,7 +1,9 @@
 //! What is measured of a scene's attacks.
 
-use advsage::ego::Ego;
-use advsage::selection_outcome::{CandidateCounts, SelectionOutcome};
+use advsage::{
+    ego::Ego,
+    selection_outcome::{CandidateCounts, SelectionOutcome},
+};
 use anyhow::Result;
 use sage_core::{generator::Attack, objective::Context};
 use sage_sim::{

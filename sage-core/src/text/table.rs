@@ -1,6 +1,6 @@
-//! Tables of text: Markdown, CSV, and what fits a terminal.
+//! Tables of text: Markdown, and what fits a terminal.
 
-use sage_core::text::wrap::COLUMNS;
+use super::wrap::COLUMNS;
 
 /// Most columns and characters of a table in a terminal.
 const MOST_COLUMNS: usize = 8;
@@ -87,7 +87,7 @@ impl Table {
     }
 
     /// The columns that fit a terminal: those that name a row, and of the others the first.
-    pub(crate) fn narrow(&self) -> Self {
+    pub fn narrow(&self) -> Self {
         let width = |k: usize| {
             let cells = self.rows.iter().filter_map(|row| row.get(k)).chain([&self.heads[k]]);
             cells.map(|cell| cell.chars().count()).max().unwrap_or(0).max(LEAST) + 3
@@ -114,21 +114,6 @@ impl Table {
             ..self.clone()
         }
     }
-
-    /// The table as CSV.
-    pub fn csv(&self) -> String {
-        csv(std::iter::once(&self.heads).chain(&self.rows))
-    }
-}
-
-/// Lines of CSV, quoted where they must be.
-pub fn csv<T: AsRef<[u8]>>(rows: impl IntoIterator<Item = impl IntoIterator<Item = T>>) -> String {
-    let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
-    for row in rows {
-        // Writing to memory does not fail.
-        let _ = writer.write_record(row);
-    }
-    String::from_utf8(writer.into_inner().unwrap_or_default()).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -160,7 +145,6 @@ mod tests {
             table.markdown(),
             "A title.\n\n| value 0 | value 1 |\n| --- | ---: |\n| 0 \\| \"x\", y | 1 \\| \"x\", y |\n"
         );
-        assert_eq!(table.csv(), "value 0,value 1\n\"0 | \"\"x\"\", y\",\"1 | \"\"x\"\", y\"\n");
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Tables at the end of a run.
 
 use anyhow::Result;
-use sage_bench::table::Table;
-use sage_run::{output::print, progress};
+use sage_core::text::table::Table;
+
+use crate::{output::print, progress};
 
 /// Prints the table at the end of a run: to standard output, or to standard error if that holds JSON rows.
 ///

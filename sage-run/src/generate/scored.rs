@@ -2,7 +2,10 @@
 
 use std::collections::{HashMap, hash_map::Entry};
 
-use advsage::selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome};
+use advsage::{
+    rows::attack::CandidateRow,
+    selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome},
+};
 use anyhow::{Context as _, Result};
 use sage_core::{
     generator::{Attack, Proposal},
@@ -11,8 +14,6 @@ use sage_core::{
 };
 use sage_sim::avoidable::{Avoidable, Avoidance};
 use serde_json::value::{RawValue, to_raw_value};
-
-use super::row::CandidateRow;
 
 /// A trajectory with its scores, also as JSON.
 pub(super) struct Scored {

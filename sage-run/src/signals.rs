@@ -2,7 +2,7 @@
 
 /// Handles Ctrl-C and SIGTERM on a separate thread. Without a handler the next run cleans up.
 #[cfg(unix)]
-pub(crate) fn clean_up_when_stopped() {
+pub fn clean_up_when_stopped() {
     use signal_hook::{
         consts::{SIGINT, SIGTERM},
         iterator::Signals,
@@ -20,4 +20,4 @@ pub(crate) fn clean_up_when_stopped() {
 }
 
 #[cfg(not(unix))]
-pub(crate) fn clean_up_when_stopped() {}
+pub fn clean_up_when_stopped() {}

@@ -26,13 +26,13 @@ pub struct ContactRow {
 }
 
 /// Step of a frame: *now* is step 0.
-pub(crate) fn step(frame: usize) -> i64 {
+pub fn step(frame: usize) -> i64 {
     frame as i64 - NOW as i64
 }
 
 impl ContactRow {
     /// The row of a contact in a scene.
-    pub(crate) fn of(contact: &EpisodeContact, scene: &Scene) -> Self {
+    pub fn of(contact: &EpisodeContact, scene: &Scene) -> Self {
         let EpisodeContact { contact, overlap, impact_speed, side_hit, class } = contact;
         Self {
             step: step(contact.step),

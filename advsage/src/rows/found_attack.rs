@@ -2,62 +2,81 @@
 
 use std::path::Path;
 
-use advsage::selection_outcome::{CandidateCounts, SelectionOutcome};
 use sage_core::{
     files,
     generator::Note,
     motion::Trajectory,
     objective::{Reason, Scores},
+    text::escaped_name,
 };
-use sage_run::{scene_queue::ROW_LIMIT, terminal};
 use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Deserialize;
 
-use super::row::VariantRow;
+use super::{ROW_LIMIT, attack::VariantRow};
+use crate::selection_outcome::{CandidateCounts, SelectionOutcome};
 
 /// A row holds all but its candidates within this many bytes.
 const HEAD: u64 = 1 << 16;
 
 /// An attack without the candidates that were not selected.
 #[derive(Debug, Deserialize)]
-pub(super) struct FoundRow {
-    pub(super) run_hash: String,
-    pub(super) scene: String,
-    pub(super) variant: String,
-    pub(super) source_hash: String,
-    pub(super) files: Vec<String>,
-    pub(super) adversary: String,
-    pub(super) trajectory: Trajectory,
-    pub(super) outcome: SelectionOutcome,
-    pub(super) counts: CandidateCounts,
-    pub(super) note: Option<String>,
-    pub(super) scores: FoundScores,
+pub struct FoundRow {
+    /// Hash of the run's identity.
+    pub run_hash: String,
+    /// Name of the input file without its ending.
+    pub scene: String,
+    /// Name of the operating point, as in file names.
+    pub variant: String,
+    /// Hash of the input file.
+    pub source_hash: String,
+    /// The scene files of this attack.
+    pub files: Vec<String>,
+    /// Track of the adversary.
+    pub adversary: String,
+    /// The adversary's plan.
+    pub trajectory: Trajectory,
+    /// What came of the selection.
+    pub outcome: SelectionOutcome,
+    /// What its candidates do.
+    pub counts: CandidateCounts,
+    /// What the generator says of it.
+    pub note: Option<String>,
+    /// Scores of the selected candidate.
+    pub scores: FoundScores,
 }
 
 /// Scores of the selected candidate that are printed and drawn.
 #[derive(Debug, Deserialize)]
-pub(super) struct FoundScores {
-    pub(super) collision_step: Option<usize>,
-    pub(super) adversarial_reward: f64,
-    pub(super) kinematic_penalty: f64,
-    pub(super) behavior_penalty: f64,
+pub struct FoundScores {
+    /// Step of the contact, after *now*.
+    pub collision_step: Option<usize>,
+    /// Adversarial reward of the paper.
+    pub adversarial_reward: f64,
+    /// Kinematic penalty of the paper.
+    pub kinematic_penalty: f64,
+    /// Behaviour penalty of the paper.
+    pub behavior_penalty: f64,
+    /// Why not.
     #[serde(default)]
-    pub(super) unbelievable: Vec<Reason>,
-    pub(super) impact_speed: Option<f64>,
+    pub unbelievable: Vec<Reason>,
+    /// Relative speed at the contact, m/s.
+    pub impact_speed: Option<f64>,
+    /// Whether an evasive manoeuvre exists.
     #[serde(flatten)]
-    pub(super) avoidable: Avoidable,
+    pub avoidable: Avoidable,
+    /// Whether reference drivers prevent the contact.
     #[serde(default)]
-    pub(super) references: Vec<Answer>,
+    pub references: Vec<Answer>,
 }
 
 impl FoundRow {
     /// Reads a whole row; `None` if the file is missing, incomplete, or says that its scene is left out.
-    pub(super) fn read(path: &Path) -> Option<Self> {
+    pub fn read(path: &Path) -> Option<Self> {
         serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
     }
 
     /// The same without looking at the candidates, which are nine tenths of a row.
-    pub(super) fn read_head(path: &Path) -> Option<Self> {
+    pub fn read_head(path: &Path) -> Option<Self> {
         let head = files::read_start(path, HEAD).ok()?;
         // No text holds this: a quotation mark in it is escaped.
         let head = std::str::from_utf8(&head).ok().and_then(|head| head.split_once(",\"candidates\":["));
@@ -68,12 +87,12 @@ impl FoundRow {
     }
 
     /// What came of the attack, in words.
-    pub(super) fn words(&self) -> String {
+    pub fn words(&self) -> String {
         words(self.outcome, &self.counts, self.scores.collision_step, &self.scores.unbelievable)
     }
 
     /// The printed line.
-    pub(super) fn line(&self) -> String {
+    pub fn line(&self) -> String {
         let FoundScores { adversarial_reward, kinematic_penalty, behavior_penalty, .. } = self.scores;
         let penalties = [adversarial_reward, kinematic_penalty, behavior_penalty];
         line(
@@ -88,7 +107,7 @@ impl FoundRow {
 
 impl VariantRow<'_> {
     /// The printed line; `seconds` is the time of the attack.
-    pub(super) fn line(&self, seconds: f64) -> String {
+    pub fn line(&self, seconds: f64) -> String {
         let Scores {
             collision_step,
             unbelievable,
@@ -110,7 +129,7 @@ impl VariantRow<'_> {
 }
 
 /// What came of an attack, in words.
-pub(super) fn words(
+pub fn words(
     outcome: SelectionOutcome,
     counts: &CandidateCounts,
     contact: Option<usize>,
@@ -146,8 +165,8 @@ fn line(
     };
     format!(
         "{} {}: {words}{values}{note} ({})",
-        terminal::escaped_name(scene),
-        terminal::escaped_name(variant),
+        escaped_name(scene),
+        escaped_name(variant),
         seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s)),
     )
 }

@@ -1,43 +1,45 @@
-//! All inputs of `sage generate` except the scenes.
+//! All inputs of a run except the scenes.
 
 use advsage::{
     Registries,
+    attacked_files::Formats,
     ego::{self, Ego},
+    named_generator::NamedGenerator,
     operating_point::OperatingPointSpec,
 };
 use anyhow::{Result, bail};
 use sage_data::openscenario::Options;
-use sage_run::progress;
 use serde_json::{Map, Value, json};
 
-use crate::{
-    attacked_files::Formats,
-    cli::{DatasetFormat, GenerateArgs},
-    run_generator::RunGenerator,
-};
+use super::options::{DatasetFormat, GenerateOptions};
+use crate::{networks, output, progress};
 
 /// What attacks, what drives the ego before, and what is written.
 pub(super) struct Plan<'a> {
-    pub(super) args: &'a GenerateArgs,
-    pub(super) generator: RunGenerator<'a>,
+    pub(super) options: &'a GenerateOptions,
+    pub(super) generator: NamedGenerator,
     /// Drives the ego before the attack.
     pub(super) ego: Ego,
 }
 
 impl<'a> Plan<'a> {
-    /// Checks all arguments except the scenes, and loads weights.
+    /// Checks all options except the scenes, and loads weights.
     ///
-    /// *Errors*: an argument is out of range or names an unknown part; weights cannot be used.
-    pub(super) fn new(args: &'a GenerateArgs, registries: &'a Registries) -> Result<Self> {
-        let is_scenario = args.format == DatasetFormat::Openscenario;
-        if !is_scenario && (args.standard.is_some() || args.scenario_ego.is_some()) {
+    /// *Errors*: an option is out of range or names an unknown part; weights cannot be used.
+    pub(super) fn new(options: &'a GenerateOptions, registries: &Registries) -> Result<Self> {
+        let is_scenario = options.format == DatasetFormat::Openscenario;
+        if !is_scenario && (options.standard.is_some() || options.scenario_ego.is_some()) {
             bail!("--standard and --scenario-ego need --format openscenario");
         }
-        let ego = Ego::new(&args.planner.applied(&args.ego), registries)?
-            .with_references(&["r157".to_owned()], registries)?;
+        let driver = options.ego.clone();
+        let driver = match options.ego_timeout {
+            Some(times) => driver.with_timeouts(times),
+            None => driver,
+        };
+        let ego = Ego::new(&driver, registries)?.with_references(&["r157".to_owned()], registries)?;
         progress::say_notes(std::slice::from_ref(&ego));
-        let generator = RunGenerator::new(&args.method, &args.attack, registries)?;
-        Ok(Self { args, generator, ego })
+        let generator = networks::build_generator(options.generator.clone(), registries)?;
+        Ok(Self { options, generator, ego })
     }
 
     /// Name of each operating point, as part of file names.
@@ -55,12 +57,12 @@ impl<'a> Plan<'a> {
 
     /// True if pickles are written.
     pub(super) fn writes_pickles(&self) -> bool {
-        matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Pickle)
+        matches!(self.options.format, DatasetFormat::Both | DatasetFormat::Pickle)
     }
 
     /// Choices for OpenSCENARIO files, without the licence; `None` if none are written.
     fn scenario_options(&self) -> Option<Options> {
-        let GenerateArgs { format, standard, scenario_ego, .. } = self.args;
+        let GenerateOptions { format, standard, scenario_ego, .. } = self.options;
         (*format == DatasetFormat::Openscenario).then(|| Options {
             standard: standard.unwrap_or_default(),
             ego: scenario_ego.unwrap_or_default(),
@@ -72,8 +74,8 @@ impl<'a> Plan<'a> {
     pub(super) fn formats(&self) -> Formats {
         Formats {
             pickle: self.writes_pickles(),
-            native: matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Native),
-            gpudrive: self.args.format == DatasetFormat::Gpudrive,
+            native: matches!(self.options.format, DatasetFormat::Both | DatasetFormat::Native),
+            gpudrive: self.options.format == DatasetFormat::Gpudrive,
             scenario: self.scenario_options(),
         }
     }
@@ -82,20 +84,20 @@ impl<'a> Plan<'a> {
     ///
     /// *Errors*: the file of a `path` cannot be read.
     pub(super) fn identity(&self) -> Result<Value> {
-        let mut identity = self.generator.identity()?;
+        let mut identity = networks::generator_identity(&self.generator)?;
         if let Some(options) = self.scenario_options() {
             identity["scenario"] = json!([options.standard.name(), options.ego.name()]);
         }
-        let reading = self.args.reading.identity();
+        let reading = output::reading_identity(&self.options.reading);
         if !reading.is_null() {
             identity["reading"] = reading;
         }
         if !self.ego.policy.is_recording() {
-            identity["ego"] = ego::identity(&self.args.ego)?;
+            identity["ego"] = ego::identity(&self.options.ego)?;
         }
-        if self.args.latest_start.is_some() || self.args.avoidable.options().is_some() {
+        if self.options.latest_start.is_some() || self.options.avoidable.is_some() {
             identity["latest_start"] =
-                json!({"target": self.args.latest_start, "search": self.args.avoidable.options()});
+                json!({"target": self.options.latest_start, "search": self.options.avoidable});
         }
         Ok(identity)
     }
@@ -106,7 +108,7 @@ impl<'a> Plan<'a> {
         if !self.ego.policy.is_recording() {
             described.insert("ego".to_owned(), json!(self.ego.label));
         }
-        if let Some(target) = self.args.latest_start {
+        if let Some(target) = self.options.latest_start {
             described.insert("wanted_latest_start".to_owned(), json!(target));
         }
         described

@@ -2,9 +2,11 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use advsage::operating_point::RowKey;
-use sage_core::{files, motion::Trajectory};
-use sage_run::{scene_queue::ROW_LIMIT, terminal};
+use sage_core::{
+    files,
+    motion::Trajectory,
+    text::{count, escaped_name},
+};
 use sage_sim::{
     avoidable::{Avoidable, earlier_names},
     reference::Answer,
@@ -16,92 +18,97 @@ use sage_sim::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::plan_row::PlanRow;
+use super::{ROW_LIMIT, plan::PlanRow};
+use crate::operating_point::RowKey;
 
 /// Name of the row of a scene.
-pub(crate) fn row_file(scene: &str) -> String {
+pub fn row_file(scene: &str) -> String {
     format!("{scene}.json")
 }
 
 /// Name of the file of all drives of a scene.
-pub(crate) fn drives_file(scene: &str) -> String {
+pub fn drives_file(scene: &str) -> String {
     format!("{scene}-drives.json")
 }
 
 /// Name of the file of the unchanged scene, in the native format.
-pub(crate) fn unchanged_file(scene: &str) -> String {
+pub fn unchanged_file(scene: &str) -> String {
     // No ending of a scene: in the folder of the attacked scenes it is none of them.
     format!("{scene}-unchanged.scene")
 }
 
 /// Name of a failure, as part of file names; `number` counts from 1.
-pub(crate) fn failure_name(number: usize) -> String {
+pub fn failure_name(number: usize) -> String {
     format!("failure{number}")
 }
 
 /// Fields that every row begins with.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct RowHead {
+pub struct RowHead {
     /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
-    pub(crate) run_hash: String,
+    pub run_hash: String,
     /// Name of the input file without its ending.
-    pub(crate) scene: String,
+    pub scene: String,
     /// The driver under test.
-    pub(crate) ego: String,
+    pub ego: String,
     /// Hash of the input file.
-    pub(crate) source_hash: String,
-    pub(crate) seed: u64,
+    pub source_hash: String,
+    /// Seed of the run.
+    pub seed: u64,
     /// Track of the adversary.
-    pub(crate) adversary: String,
+    pub adversary: String,
 }
 
 /// The row of a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct SceneRow {
+pub struct SceneRow {
+    /// What every row begins with.
     #[serde(flatten)]
-    pub(crate) head: RowHead,
+    pub head: RowHead,
     /// All files of the scene but its row.
-    pub(crate) files: Vec<String>,
+    pub files: Vec<String>,
     /// What makes a plan a failure.
-    pub(crate) require: Requirement,
+    pub require: Requirement,
     /// Plans by what became of them, and how many were driven against.
-    pub(crate) plans: PlanCounts,
+    pub plans: PlanCounts,
     /// Attacked drives.
-    pub(crate) drives: usize,
+    pub drives: usize,
     /// Drives in which the driver gave an error.
-    pub(crate) errors: usize,
+    pub errors: usize,
     /// Drives by the clauses that they meet, each with the ones before it.
-    pub(crate) attacks: usize,
-    pub(crate) believable: usize,
-    pub(crate) at_fault: usize,
+    pub attacks: usize,
+    /// Of these, believable in the attacked drive.
+    pub believable: usize,
+    /// Of these, with the driver at fault.
+    pub at_fault: usize,
     /// The same, in which an evasive manoeuvre exists, knowing the plan.
     #[serde(default)]
-    pub(crate) avoidable: usize,
+    pub avoidable: usize,
     /// Drives that meet all required clauses.
-    pub(crate) failures: usize,
+    pub failures: usize,
     /// These by the generator of their plans.
     #[serde(default)]
-    pub(crate) sources: BTreeMap<String, usize>,
+    pub sources: BTreeMap<String, usize>,
     /// Why there is no failure.
-    pub(crate) reason: Option<Reason>,
+    pub reason: Option<Reason>,
     /// The furthest clause that a drive missed, whatever ended the search.
-    pub(crate) reached: Option<Reason>,
+    pub reached: Option<Reason>,
     /// Drives until the first failure, that one included.
-    pub(crate) first_failure: Option<usize>,
+    pub first_failure: Option<usize>,
     /// Step of the first contact of the unattacked drive.
-    pub(crate) unattacked_contact: Option<i64>,
+    pub unattacked_contact: Option<i64>,
     /// Box centre and heading of the ego in the unattacked drive at frames 0 to 90, up to its first contact.
     #[serde(default)]
-    pub(crate) unattacked_path: Vec<[f64; 3]>,
+    pub unattacked_path: Vec<[f64; 3]>,
     /// The failure with the largest reward.
-    pub(crate) worst: Option<FoundFailure>,
+    pub worst: Option<FoundFailure>,
     /// The failure that is likeliest under the prior.
-    pub(crate) mildest: Option<FoundFailure>,
+    pub mildest: Option<FoundFailure>,
 }
 
 /// Plans of a scene.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(crate) struct PlanCounts {
+pub struct PlanCounts {
     #[serde(flatten)]
     counts: PoolCounts,
     /// In the pool.
@@ -110,7 +117,7 @@ pub(crate) struct PlanCounts {
 
 /// A failure as the row of its scene names it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct FoundFailure {
+pub struct FoundFailure {
     /// Its number, 1 the first found.
     number: usize,
     /// File of its row.
@@ -130,35 +137,42 @@ pub(crate) struct FoundFailure {
 
 /// The row of a failure: like that of `sage generate`, and as `sage simulate --attack` reads it.
 #[derive(Serialize)]
-pub(crate) struct FailureRow<'r> {
+pub struct FailureRow<'r> {
+    /// What every row begins with.
     #[serde(flatten)]
-    pub(crate) head: &'r RowHead,
+    pub head: &'r RowHead,
     /// Name of the failure, as in file names.
-    pub(crate) variant: &'r str,
+    pub variant: &'r str,
     /// The scene files of this attack.
-    pub(crate) files: Vec<String>,
+    pub files: Vec<String>,
+    /// How it was generated.
     #[serde(flatten)]
-    pub(crate) described: &'r Map<String, Value>,
-    pub(crate) trajectory: &'r Trajectory,
-    pub(crate) feasible: bool,
+    pub described: &'r Map<String, Value>,
+    /// The adversary's plan.
+    pub trajectory: &'r Trajectory,
+    /// Whether the plan is feasible.
+    pub feasible: bool,
     /// Its drive, 1 the first.
-    pub(crate) drive: usize,
-    pub(crate) plan: PlanRow,
+    pub drive: usize,
+    /// Where its plan comes from.
+    pub plan: PlanRow,
+    /// What the attacked drive was found to be.
     #[serde(flatten)]
-    pub(crate) evaluated: EvaluatedRow<'r>,
+    pub evaluated: EvaluatedRow<'r>,
     /// Where the adversary comes from, red lights, solid lines and the right of way.
-    pub(crate) circumstances: Option<Circumstances>,
+    pub circumstances: Option<Circumstances>,
     /// Box centre and heading of the ego at frames 0 to *now*.
-    pub(crate) ego_history: &'r [[f64; 3]],
+    pub ego_history: &'r [[f64; 3]],
     /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
-    pub(crate) ego_path: Vec<[f64; 3]>,
+    pub ego_path: Vec<[f64; 3]>,
+    /// Whether an evasive manoeuvre exists.
     #[serde(flatten)]
-    pub(crate) avoidable: &'r Avoidable,
+    pub avoidable: &'r Avoidable,
 }
 
 impl<'r> FailureRow<'r> {
     /// The row of a failure with its name and files; `source` is that of its plan.
-    pub(crate) fn new(
+    pub fn new(
         (head, variant): (&'r RowHead, &'r str),
         files: Vec<String>,
         described: &'r Map<String, Value>,
@@ -189,7 +203,7 @@ impl<'r> FailureRow<'r> {
 
 /// What an attacked drive was found to be.
 #[derive(Serialize)]
-pub(crate) struct EvaluatedRow<'r> {
+pub struct EvaluatedRow<'r> {
     contact: Option<&'r Met>,
     clauses: Clauses,
     reward: f64,
@@ -205,7 +219,8 @@ pub(crate) struct EvaluatedRow<'r> {
 }
 
 impl<'r> EvaluatedRow<'r> {
-    pub(crate) fn of(evaluated: &'r Evaluated) -> Self {
+    /// The row of a drive.
+    pub fn of(evaluated: &'r Evaluated) -> Self {
         let Evaluated { contact, clauses, reward, human_time, references, .. } = evaluated;
         Self {
             contact: contact.as_ref(),
@@ -221,28 +236,34 @@ impl<'r> EvaluatedRow<'r> {
 
 /// The file of all drives of a scene.
 #[derive(Serialize)]
-pub(crate) struct DrivesFile<'r> {
+pub struct DrivesFile<'r> {
+    /// What every row begins with.
     #[serde(flatten)]
-    pub(crate) head: &'r RowHead,
+    pub head: &'r RowHead,
     /// In their order.
-    pub(crate) drives: Vec<DrivenRow<'r>>,
+    pub drives: Vec<DrivenRow<'r>>,
 }
 
 /// One attacked drive.
 #[derive(Serialize)]
-pub(crate) struct DrivenRow<'r> {
-    pub(crate) plan: PlanRow,
+pub struct DrivenRow<'r> {
+    /// Where its plan comes from.
+    pub plan: PlanRow,
+    /// What the attacked drive was found to be.
     #[serde(flatten)]
-    pub(crate) evaluated: EvaluatedRow<'r>,
+    pub evaluated: EvaluatedRow<'r>,
+    /// Seconds before the contact at which an evasive manoeuvre could still begin.
     #[serde(flatten, with = "earlier_names::latest_start")]
-    pub(crate) latest_start: Option<f64>,
-    pub(crate) error: Option<&'r str>,
-    pub(crate) trajectory: &'r Trajectory,
+    pub latest_start: Option<f64>,
+    /// The error of the driver.
+    pub error: Option<&'r str>,
+    /// The adversary's plan.
+    pub trajectory: &'r Trajectory,
 }
 
 impl SceneRow {
     /// The row of a search; `source` finds the source of a plan.
-    pub(crate) fn new<'k>(
+    pub fn new<'k>(
         head: RowHead,
         require: Requirement,
         pool: &Pool,
@@ -295,51 +316,51 @@ impl SceneRow {
     }
 
     /// The scene.
-    pub(crate) fn scene(&self) -> &str {
+    pub fn scene(&self) -> &str {
         &self.head.scene
     }
 
     /// Track of the adversary.
-    pub(crate) fn adversary(&self) -> &str {
+    pub fn adversary(&self) -> &str {
         &self.head.adversary
     }
 
     /// The driver under test.
-    pub(crate) fn ego(&self) -> &str {
+    pub fn ego(&self) -> &str {
         &self.head.ego
     }
 
     /// Why there is no failure, in words; after an exhausted budget, what the drives so far have missed.
-    pub(crate) fn reason_words(&self) -> &'static str {
+    pub fn reason_words(&self) -> &'static str {
         let reason =
             if self.reason == Some(Reason::Budget) { self.reached.or(self.reason) } else { self.reason };
         reason.map_or("", Reason::words)
     }
 
     /// Box centre and heading of the ego in the unattacked drive.
-    pub(crate) fn unattacked_path(&self) -> &[[f64; 3]] {
+    pub fn unattacked_path(&self) -> &[[f64; 3]] {
         &self.unattacked_path
     }
 
     /// Number of failures.
-    pub(crate) fn failures(&self) -> usize {
+    pub fn failures(&self) -> usize {
         self.failures
     }
 
     /// Number of the worst failure, 1 the first found.
-    pub(crate) fn worst(&self) -> Option<usize> {
+    pub fn worst(&self) -> Option<usize> {
         self.worst.as_ref().map(|failure| failure.number)
     }
 
     /// Number of the mildest failure.
-    pub(crate) fn mildest(&self) -> Option<usize> {
+    pub fn mildest(&self) -> Option<usize> {
         self.mildest.as_ref().map(|failure| failure.number)
     }
 
     /// What came of the search, in words.
-    pub(crate) fn explained(&self) -> String {
+    pub fn explained(&self) -> String {
         let [scene, ego, adversary] =
-            [&self.head.scene, &self.head.ego, &self.head.adversary].map(|name| terminal::escaped_name(name));
+            [&self.head.scene, &self.head.ego, &self.head.adversary].map(|name| escaped_name(name));
         let result = match self.failures {
             0 => format!("no failure: {}", self.reason_words()),
             1 => "1 failure".to_owned(),
@@ -370,13 +391,13 @@ impl SceneRow {
     }
 
     /// Reads a row; `None` if the file is missing or incomplete.
-    pub(crate) fn read(path: &Path) -> Option<Self> {
+    pub fn read(path: &Path) -> Option<Self> {
         serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
     }
 
     /// The printed line; `seconds` is the time of the search, `None` if an earlier run finished it.
-    pub(crate) fn line(&self, seconds: Option<f64>) -> String {
-        let drives = sage_run::progress::count(self.drives, "drive");
+    pub fn line(&self, seconds: Option<f64>) -> String {
+        let drives = count(self.drives, "drive");
         let found = match (self.failures, self.reason) {
             (0, Some(Reason::Budget)) => {
                 let reached = self.reached.map_or("", Reason::words);
@@ -384,7 +405,7 @@ impl SceneRow {
             }
             (0, reason) => format!("no failure in {drives}: {}", reason.map_or("", Reason::words)),
             (failures, _) => {
-                let failures = sage_run::progress::count(failures, "failure");
+                let failures = count(failures, "failure");
                 let first = self.first_failure.unwrap_or_default();
                 let words = |failure: &Option<FoundFailure>| {
                     failure.as_ref().map_or(String::new(), |failure| {
@@ -399,9 +420,9 @@ impl SceneRow {
         };
         let errors = match self.errors {
             0 => String::new(),
-            errors => format!("; {}", sage_run::progress::count(errors, "drive with an error of the driver")),
+            errors => format!("; {}", count(errors, "drive with an error of the driver")),
         };
         let time = seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s));
-        format!("{}: {found}{errors} ({time})", terminal::escaped_name(&self.head.scene))
+        format!("{}: {found}{errors} ({time})", escaped_name(&self.head.scene))
     }
 }

@@ -1,9 +1,17 @@
-//! Results as the commands record and show them, for programs that embed the library: the rows of their files without what
-//! belongs to a run, pages and pictures.
+//! Results as the commands record and show them: the rows of their files without what belongs to a run, pages and pictures.
 
 use std::sync::Arc;
 
-use advsage::search::PlanSources;
+use advsage::{
+    planned_attack::PlannedAttack,
+    rows::{
+        contact::step,
+        drive::{DriveRow, RowHead},
+        search::{FailureRow, RowHead as SearchHead, SceneRow, failure_name},
+    },
+    scenario_files,
+    search::PlanSources,
+};
 use anyhow::Result;
 use sage_core::{
     motion::Trajectory,
@@ -23,54 +31,42 @@ use sage_sim::{
 };
 use sage_view::{
     drawing::{self, Picture, drawn_path},
-    player,
+    player::{self, Panel},
 };
 use serde_json::{Map, Value};
-
-use crate::{
-    commands::{
-        search::row::{FailureRow, RowHead as SearchHead, SceneRow, failure_name},
-        simulate::{
-            attacks::PlannedAttack,
-            row::{DriveRow, RowHead},
-        },
-    },
-    contact_row::step,
-    scenario_files,
-};
 
 /// Fields of rows that say which run and file they are of.
 const OF_RUN: [&str; 4] = ["run_hash", "source_hash", "files", "variant"];
 
 /// A drive, and what attacked it.
-pub struct DriveResult<'a> {
+pub(crate) struct DriveResult<'a> {
     /// The scene.
-    pub scene: &'a Scene,
+    pub(crate) scene: &'a Scene,
     /// Its name.
-    pub name: &'a str,
+    pub(crate) name: &'a str,
     /// The driver.
-    pub ego: &'a str,
+    pub(crate) ego: &'a str,
     /// Seed of the drive.
-    pub seed: u64,
+    pub(crate) seed: u64,
     /// The drive.
-    pub episode: &'a Episode,
+    pub(crate) episode: &'a Episode,
     /// What attacked it; `None` for the scene as it is.
-    pub attack: Option<AttackOfDrive<'a>>,
+    pub(crate) attack: Option<AttackOfDrive<'a>>,
 }
 
 /// An attack on a driver.
 #[derive(Clone, Copy)]
-pub struct AttackOfDrive<'a> {
+pub(crate) struct AttackOfDrive<'a> {
     /// The scene with the drive before the attack, which the attack was planned against.
-    pub ctx: &'a Context,
+    pub(crate) ctx: &'a Context,
     /// That drive.
-    pub before: &'a Drive,
+    pub(crate) before: &'a Drive,
     /// The adversary's plan.
-    pub trajectory: &'a Trajectory,
+    pub(crate) trajectory: &'a Trajectory,
     /// Whether the driver falls for it.
-    pub verdict: Verdict,
+    pub(crate) verdict: Verdict,
     /// Drives of the driver that the generator asked for.
-    pub queries: usize,
+    pub(crate) queries: usize,
 }
 
 impl DriveResult<'_> {
@@ -95,27 +91,27 @@ impl DriveResult<'_> {
     /// The row of `sage simulate`.
     ///
     /// *Errors*: those of the search for evasive manoeuvres.
-    pub fn row(&self) -> Result<Value> {
+    pub(crate) fn row(&self) -> Result<Value> {
         Ok(without_run(serde_json::to_value(self.drive_row()?)?))
     }
 
     /// How the drive ended, in words.
     ///
     /// *Errors*: as [`DriveResult::row`].
-    pub fn ending(&self) -> Result<String> {
+    pub(crate) fn ending(&self) -> Result<String> {
         Ok(self.drive_row()?.ending())
     }
 
     /// The page that plays it, with the drive before the attack beside it.
     ///
     /// *Errors*: as [`DriveResult::row`].
-    pub fn page(&self) -> Result<String> {
+    pub(crate) fn page(&self) -> Result<String> {
         let row = self.drive_row()?;
         let plan = self.attack.map(|attack| Plan::of_adversary(self.scene, attack.trajectory)).transpose()?;
         let logged = self.scene.adversary.map(|k| &self.scene.tracks[k]);
         let adversary = plan.as_ref().map(|plan| &plan.motion).or(logged);
         let unattacked = self.attack.map(|attack| player::shown_part(attack.before));
-        let panel = row.panel(self.ego.to_owned(), self.episode, adversary, unattacked);
+        let panel = Panel::of_drive(&row, self.ego.to_owned(), self.episode, adversary, unattacked);
         player::page(self.scene, [self.name, ""], &[panel], &[], 1, None)
     }
 }
@@ -123,7 +119,7 @@ impl DriveResult<'_> {
 /// Rows of a search of one scene: that of the scene, and one for each failure.
 ///
 /// *Errors*: none but those of JSON.
-pub fn search_rows(
+pub(crate) fn search_rows(
     [scene, ego, adversary]: [&str; 3],
     seed: u64,
     require: Requirement,
@@ -154,7 +150,7 @@ pub fn search_rows(
 /// Draws a scene with candidates of its adversary, each with its first contact with the ego.
 ///
 /// *Errors*: candidates of a scene that cannot be attacked.
-pub fn picture(data: &SceneData, candidates: Vec<(String, Trajectory)>) -> Result<String> {
+pub(crate) fn picture(data: &SceneData, candidates: Vec<(String, Trajectory)>) -> Result<String> {
     let mut drawn = Vec::with_capacity(candidates.len());
     if !candidates.is_empty() {
         let scene: &Arc<Scene> = &data.scene;
@@ -168,7 +164,7 @@ pub fn picture(data: &SceneData, candidates: Vec<(String, Trajectory)>) -> Resul
 /// A recording as an OpenSCENARIO file: name and text of its OpenDRIVE map, and the text of the scenario.
 ///
 /// *Errors*: a native file whose source is damaged.
-pub fn scenario(recording: &Recording) -> Result<(String, String, String)> {
+pub(crate) fn scenario(recording: &Recording) -> Result<(String, String, String)> {
     let options = Options { license: scenario_files::license(recording)?, ..Options::default() };
     let export = Export::new(&recording.scene, options);
     let scenario = export.scenario(&recording.scene, &scenario_files::provenance(recording)?);

@@ -3,9 +3,13 @@
 use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
 use advsage::{
-    generators::Against,
+    attacked_files::{self, AttackedFiles, Facts},
     latest_start,
-    prepared::{self, DriverInScene},
+    prepared::Prepared,
+    rows::{
+        attack::{CandidateRow, ChosenScores, LeftOutRow, VariantRow, prevented},
+        found_attack::FoundRow,
+    },
 };
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
@@ -15,23 +19,20 @@ use sage_core::{
     scene::SceneIndex,
 };
 use sage_data::{Recording, checks};
-use sage_run::{
-    output::{self, DatasetRun},
-    scene_queue::{Failure, Line, SceneReport},
-};
-use sage_sim::{SimScene, avoidable::Avoidance};
+use sage_sim::avoidable::Avoidance;
 use serde_json::{Map, Value};
 
 use super::{
-    found_row::FoundRow,
     measured::{MeasuredAttack, measured},
     names::{page_file, picture_file, row_file},
     plan::Plan,
-    row::{CandidateRow, ChosenScores, LeftOutRow, VariantRow, prevented},
     scored::ScoredCandidates,
     view::SceneView,
 };
-use crate::attacked_files::{self, AttackedFiles, Facts};
+use crate::{
+    output::{self, DatasetRun},
+    scene_queue::{Failure, Line, SceneReport},
+};
 
 /// Attacks a scene at all operating points and writes its files, unless they exist.
 ///
@@ -44,12 +45,12 @@ pub(super) fn attack_scene(
 ) -> Result<SceneReport, Failure> {
     let fail = |error: anyhow::Error| Failure::Scene(error);
     let bytes = sage_data::read_bytes(file).map_err(|error| fail(error.into()))?;
-    let source_hash = plan.args.reading.options().source_hash(&bytes)[..16].to_owned();
+    let source_hash = plan.options.reading.source_hash(&bytes)[..16].to_owned();
     if let Some(found) = finished(plan, run, file, scene, &source_hash).map_err(fail)? {
         return Ok(found);
     }
-    let recording = Recording::from_bytes_as(file, bytes, &plan.args.reading.options())
-        .map_err(|error| fail(error.into()))?;
+    let recording =
+        Recording::from_bytes_as(file, bytes, &plan.options.reading).map_err(|error| fail(error.into()))?;
     let writer = SceneWriter { plan, run, scene, source_hash: &source_hash };
     writer.attack(recording).map_err(|error| match error.downcast_ref() {
         Some(sage_core::Error::ContactNow { .. }) => {
@@ -100,7 +101,7 @@ fn finished(
         files.extend(row.files);
     }
     let has_pages = || exists(&picture_file(scene)) && exists(&page_file(scene));
-    Ok((plan.args.no_pages || has_pages()).then(|| SceneReport::found(lines, files)))
+    Ok((plan.options.no_pages || has_pages()).then(|| SceneReport::found(lines, files)))
 }
 
 /// Writes the attacks of one scene.
@@ -118,34 +119,28 @@ impl SceneWriter<'_> {
         let warnings = checks::important(&recording.scene);
         let files = AttackedFiles::new(&recording, self.scene, plan.formats())?;
         files.check_names(plan.variants().iter().map(|variant| &**variant))?;
-        let scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
+        let scene = Arc::new(recording.scene.with_roles(None, plan.options.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
         index.build_all();
-        let (test, ctx) = if plan.ego.policy.is_recording() {
-            (None, prepared::recording(&scene, &index)?)
-        } else {
-            let simulated = SimScene::new(scene, index.clone())?;
-            let drives = |scene: &_| Ok(plan.ego.test(scene, plan.args.attack.seed)?);
-            let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
-            (Some(test), ctx)
-        };
+        let seed = generator.spec.seed;
+        let drives = |scene: &_| Ok(plan.ego.test(scene, seed)?);
+        let prepared = Prepared::new(scene, &index, &*plan.ego.policy, drives)?;
+        let (test, ctx) = (&prepared.test, &prepared.ctx);
         let scene = ctx.scene().clone();
-        let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
+        let avoidance = Avoidance::new(ctx, plan.options.avoidable.unwrap_or_default())?;
         let clock = Instant::now();
-        let seed = plan.args.attack.seed;
-        let against = test.as_ref().map_or(Against::Recording, Against::Driver);
-        let mut attacks = generator.built.attacks(&ctx, against, seed)?;
+        let mut attacks = generator.built.attacks(ctx, prepared.against(), seed)?;
         let objective = &generator.selection.objective;
-        if let Some(target) = plan.args.latest_start {
+        if let Some(target) = plan.options.latest_start {
             for (point, attack) in generator.points.iter().zip(&mut attacks) {
-                let avoided = latest_start::avoided(attack, &ctx, objective, point.mu, &avoidance);
+                let avoided = latest_start::avoided(attack, ctx, objective, point.mu, &avoidance);
                 latest_start::choose(attack, &avoided, target);
             }
         }
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
-        let scorer = Scorer::with(&ctx, &generator.further);
-        let mut scored = ScoredCandidates::new(&ctx, scorer, objective, &avoidance);
-        let measured = measured(&attacks, &mut scored, &ctx, (&plan.ego, test.as_ref()), seed)?;
+        let scorer = Scorer::with(ctx, &generator.further);
+        let mut scored = ScoredCandidates::new(ctx, scorer, objective, &avoidance);
+        let measured = measured(&attacks, &mut scored, ctx, (&plan.ego, test.as_ref()), seed)?;
         let scenarios = files.scenarios(&scene);
         let mut lines = Vec::with_capacity(measured.len());
         let (mut written_files, command) = (Vec::new(), output::command());
@@ -156,17 +151,18 @@ impl SceneWriter<'_> {
                 variant,
                 described: &described,
                 weights: generator.weights_name(),
-                seed: plan.args.attack.seed,
+                seed: plan.generator.spec.seed,
                 command: &command,
             };
             let mut scene_files = files.files(&scene, &written)?;
             let scores = &scored.get(attack.attack.trajectory())?.scores;
             if let Some(scenarios) = &scenarios {
-                let facts = self.facts(&ctx, attack, scores).and(&described);
+                let facts = self.facts(ctx, attack, scores).and(&described);
                 scene_files.extend(files.scenario(scenarios, &scene, &written, &facts)?);
             }
-            let candidates = if plan.args.no_candidates { Vec::new() } else { scored.rows(attack.attack)? };
-            let row = self.row((attack, scores, candidates), &ctx, variant, described, &scene_files);
+            let candidates =
+                if plan.options.no_candidates { Vec::new() } else { scored.rows(attack.attack)? };
+            let row = self.row((attack, scores, candidates), ctx, variant, described, &scene_files);
             lines.push(Line {
                 text: row.line(seconds),
                 row: row_file(self.scene, variant),
@@ -180,8 +176,8 @@ impl SceneWriter<'_> {
             self.write(&all)?;
             written_files.extend(scene_files.into_iter().map(|(name, _)| name));
         }
-        if !plan.args.no_pages {
-            let shown = SceneView { plan, name: self.scene, ctx: &ctx, measured: &measured };
+        if !plan.options.no_pages {
+            let shown = SceneView { plan, name: self.scene, ctx, measured: &measured };
             let (picture, page) = (shown.picture(), shown.page(&scored)?);
             self.write(&[
                 (&picture_file(self.scene), picture.as_bytes()),
@@ -221,7 +217,7 @@ impl SceneWriter<'_> {
         let candidate = ctx.candidate(attack.attack.trajectory().clone());
         let violations = self.plan.generator.selection.objective.rule().violations(&candidate, ctx);
         Facts {
-            seed: self.plan.args.attack.seed,
+            seed: self.plan.generator.spec.seed,
             adversary: &ctx.adversary().id,
             feasible: violations.is_empty(),
             collision_step: scores.collision_step,
@@ -248,7 +244,7 @@ impl SceneWriter<'_> {
             variant,
             source_hash: self.source_hash,
             files: scene_files.iter().map(|(name, _)| name.clone()).collect(),
-            seed: self.plan.args.attack.seed,
+            seed: self.plan.generator.spec.seed,
             adversary: &ctx.adversary().id,
             described,
             trajectory: attack.trajectory(),

@@ -1,10 +1,13 @@
 //! The table at the end of a run: how often each operating point attacks, and why it does not.
 
-use advsage::operating_point::OperatingPointSpec;
-use advsage::selection_outcome::SelectionOutcome;
-use sage_bench::table::Table;
+use advsage::{
+    operating_point::OperatingPointSpec,
+    rows::{attack::prevented, found_attack::FoundRow},
+    selection_outcome::SelectionOutcome,
+};
+use sage_core::text::table::Table;
 
-use super::{found_row::FoundRow, plan::Plan, row::prevented};
+use super::plan::Plan;
 
 /// Outcomes with the reason that the table gives for them, the first where two are as frequent.
 const REASONS: [(SelectionOutcome, &str); 5] = [

@@ -6,61 +6,65 @@ use sage_core::{
     files,
     motion::Trajectory,
     objective::{Reason, verdict},
-    scene::{Scene, SceneIndex, Track, recording_off_road},
+    scene::{Scene, SceneIndex, recording_off_road},
+    text::escaped_name,
 };
-use sage_run::{scene_queue::ROW_LIMIT, terminal};
 use sage_sim::{
     avoidable::Avoidable,
     episode::{End, Episode, Verdict},
     fault::FaultClass,
-    vehicle::Motion,
 };
-use sage_view::player::{self, Meeting, Panel};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::contact_row::{ContactRow, step};
+use super::{
+    ROW_LIMIT,
+    contact::{ContactRow, step},
+};
 
 /// One drive, as its file records it. Steps count from frame 10, *now*, which is step 0.
 #[derive(Serialize, Deserialize)]
-pub(crate) struct DriveRow {
+pub struct DriveRow {
     /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
-    pub(crate) run_hash: String,
+    pub run_hash: String,
     /// Name of the input file without its ending.
-    pub(crate) scene: String,
+    pub scene: String,
     /// Driver and its options.
-    pub(crate) ego: String,
+    pub ego: String,
     /// Track of the adversary.
-    pub(crate) adversary: Option<String>,
+    pub adversary: Option<String>,
     /// Generator and operating point as in a row of `sage generate`; `method` and `lambda` are null without.
     #[serde(flatten)]
-    pub(crate) described: Map<String, Value>,
+    pub described: Map<String, Value>,
     /// Number of steps after *now* that are recorded, at most 80: the drive ends there.
     #[serde(default)]
-    pub(crate) horizon: usize,
+    pub horizon: usize,
     /// Number of steps from frame 0 to the end.
-    pub(crate) steps: usize,
+    pub steps: usize,
     /// First step at which 95 % of the logged route are driven.
-    pub(crate) arrived: Option<i64>,
+    pub arrived: Option<i64>,
     /// First step on a road edge that is not touched since the start; null if there is none.
-    pub(crate) off_road: Option<i64>,
+    pub off_road: Option<i64>,
     /// Whether the ego's recording leaves the road too: tables then do not count it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) off_road_as_recorded: bool,
+    pub off_road_as_recorded: bool,
     /// Whether the map has road edges: without them `off_road` is not measured.
     #[serde(default = "measured")]
-    pub(crate) off_road_measured: bool,
-    pub(crate) end: RowEnd,
+    pub off_road_measured: bool,
+    /// Why it ended.
+    pub end: RowEnd,
     /// Progress along the logged route by its length; null if that is below 5 m.
-    pub(crate) completion: Option<f64>,
-    pub(crate) contacts: Vec<ContactRow>,
+    pub completion: Option<f64>,
+    /// Contacts, the first one first.
+    pub contacts: Vec<ContactRow>,
     /// x, y, heading and speed at each frame from 0 on: metres, radians, m/s.
-    pub(crate) trajectory: Vec<[f64; 4]>,
+    pub trajectory: Vec<[f64; 4]>,
     /// The attack; null without.
-    pub(crate) attack: Option<AttackRow>,
+    pub attack: Option<AttackRow>,
     /// Hash of the input file.
-    pub(crate) source_hash: String,
-    pub(crate) seed: u64,
+    pub source_hash: String,
+    /// Seed of the run.
+    pub seed: u64,
 }
 
 /// Rows of earlier versions do not say whether the map has edges.
@@ -71,35 +75,37 @@ fn measured() -> bool {
 /// Why a drive ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum RowEnd {
+pub enum RowEnd {
+    /// At the first contact.
     Contact,
+    /// At the end of the recording.
     Horizon,
 }
 
 /// The attack of a drive.
 #[derive(Serialize, Deserialize)]
-pub(crate) struct AttackRow {
+pub struct AttackRow {
     /// The adversary's plan, frames 11 to 90.
-    pub(crate) trajectory: Trajectory,
+    pub trajectory: Trajectory,
     /// Whether the plan is feasible by the paper's rule.
-    pub(crate) feasible: bool,
+    pub feasible: bool,
     /// Step at which the plan would meet the drive without the attack, which it was planned against.
     #[serde(default)]
-    pub(crate) planned_contact: Option<usize>,
+    pub planned_contact: Option<usize>,
     /// Whether the attack is believable in the attacked drive; null if it does not work.
-    pub(crate) believable: Option<bool>,
+    pub believable: Option<bool>,
     /// Why not.
-    pub(crate) unbelievable: Vec<Reason>,
+    pub unbelievable: Vec<Reason>,
     /// Whether the driver falls for it.
-    pub(crate) verdict: Verdict,
+    pub verdict: Verdict,
     /// Drives of the driver that the generator asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) queries: Option<NonZeroUsize>,
+    pub queries: Option<NonZeroUsize>,
     /// Step of the first contact without the attack.
-    pub(crate) unattacked_contact: Option<i64>,
+    pub unattacked_contact: Option<i64>,
     /// Whether the attacked drive has an evasive manoeuvre.
     #[serde(flatten)]
-    pub(crate) avoidable: Avoidable,
+    pub avoidable: Avoidable,
 }
 
 /// A contact in words. `adversary` is the track of the adversary.
@@ -134,24 +140,32 @@ fn time(step: i64) -> String {
 }
 
 /// Whether an attack works, in words.
-pub(crate) struct VerdictInWords {
-    pub(crate) is_attack: bool,
-    pub(crate) words: String,
+pub struct VerdictInWords {
+    /// Whether it works.
+    pub is_attack: bool,
+    /// The same, and why not.
+    pub words: String,
 }
 
 /// What identifies a row and describes its attack.
-pub(crate) struct RowHead<'a> {
-    pub(crate) run_hash: &'a str,
-    pub(crate) scene: &'a str,
-    pub(crate) ego: &'a str,
-    pub(crate) described: Map<String, Value>,
-    pub(crate) source_hash: &'a str,
-    pub(crate) seed: u64,
+pub struct RowHead<'a> {
+    /// Hash of the run's identity.
+    pub run_hash: &'a str,
+    /// Name of the input file without its ending.
+    pub scene: &'a str,
+    /// Driver and its options.
+    pub ego: &'a str,
+    /// How it was generated.
+    pub described: Map<String, Value>,
+    /// Hash of the input file.
+    pub source_hash: &'a str,
+    /// Seed of the run.
+    pub seed: u64,
 }
 
 impl DriveRow {
     /// The row of an episode.
-    pub(crate) fn new(head: RowHead, episode: &Episode, scene: &Scene, attack: Option<AttackRow>) -> Self {
+    pub fn new(head: RowHead, episode: &Episode, scene: &Scene, attack: Option<AttackRow>) -> Self {
         let state = |motion: &sage_sim::vehicle::Motion| {
             let [x, y] = motion.position;
             [x, y, motion.heading, motion.speed()]
@@ -182,46 +196,13 @@ impl DriveRow {
         }
     }
 
-    /// The drive of this row on a page; `unattacked` is the drive without the attack.
-    pub(crate) fn panel<'p>(
-        &'p self,
-        name: String,
-        episode: &'p Episode,
-        adversary: Option<&'p Track>,
-        unattacked: Option<&'p [Motion]>,
-    ) -> Panel<'p> {
-        let attack = self.attack.as_ref();
-        Panel {
-            name,
-            id: String::new(),
-            sweep: None,
-            motions: player::shown_part(&episode.drive),
-            end: episode.drive.motions.len() - 1,
-            shown: &episode.drive.shown,
-            contact: episode.first_contacts().next().map(Meeting::from),
-            adversary,
-            unattacked,
-            evasion: self.contacts.first().and_then(|contact| {
-                let step = usize::try_from(contact.step).ok()?;
-                Some(attack?.avoidable.evasion(step)?.1)
-            }),
-            verdict: self.verdict().map(|verdict| verdict.is_attack),
-            is_failed: false,
-            others: Vec::new(),
-            marks: Vec::new(),
-            badge: None,
-            note: self.note(),
-            ending: self.ending(),
-        }
-    }
-
     /// Reads a row; `None` if the file is missing or incomplete.
-    pub(crate) fn read(path: &Path) -> Option<Self> {
+    pub fn read(path: &Path) -> Option<Self> {
         serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
     }
 
     /// Whether the attack works, and why not; `None` without an attack.
-    pub(crate) fn verdict(&self) -> Option<VerdictInWords> {
+    pub fn verdict(&self) -> Option<VerdictInWords> {
         let attack = self.attack.as_ref()?;
         if attack.verdict.attack {
             return Some(VerdictInWords { is_attack: true, words: "attack".to_owned() });
@@ -241,7 +222,7 @@ impl DriveRow {
     }
 
     /// Whether the attack works and how the drive ended, in words.
-    pub(crate) fn ending(&self) -> String {
+    pub fn ending(&self) -> String {
         let route = self.completion.map(|c| format!("{:.0} % of the route", 100.0 * c));
         let off_road = match self.off_road {
             _ if !self.off_road_measured => Some("off road not measured (the map has no edges)".to_owned()),
@@ -261,7 +242,7 @@ impl DriveRow {
     }
 
     /// The plan of the attack in words; empty without an attack.
-    pub(crate) fn note(&self) -> String {
+    pub fn note(&self) -> String {
         let Some(attack) = &self.attack else { return String::new() };
         let planned = match (attack.planned_contact, attack.feasible) {
             (None, _) => "it would not touch the ego there",
@@ -288,8 +269,8 @@ impl DriveRow {
     }
 
     /// The printed line; `variant` names attack and operating point.
-    pub(crate) fn line(&self, variant: &str) -> String {
-        let names = [&self.scene, &self.ego, variant].map(terminal::escaped_name).join(" ");
+    pub fn line(&self, variant: &str) -> String {
+        let names = [&self.scene, &self.ego, variant].map(escaped_name).join(" ");
         let contact = match (self.end, self.contacts.first()) {
             (RowEnd::Contact, Some(contact)) => {
                 let is_adversary = Some(&contact.with) == self.adversary.as_ref();
@@ -306,6 +287,6 @@ impl DriveRow {
         let off_road = off_road.map(|step| format!("off the road {}{}", time(step), self.as_recorded()));
         let verdict = self.verdict().map(|verdict| verdict.words);
         let all = [verdict, Some(contact), off_road].into_iter().flatten().collect::<Vec<_>>().join("; ");
-        format!("{}: {}", names.trim_end(), terminal::escaped_name(&all))
+        format!("{}: {}", names.trim_end(), escaped_name(&all))
     }
 }

@@ -1,5 +1,6 @@
 //! The page that lists the attacked scenes of a run.
 
+use advsage::rows::{attack::prevented, found_attack::FoundRow};
 use anyhow::Result;
 use rayon::prelude::*;
 use sage_core::{
@@ -9,10 +10,6 @@ use sage_core::{
     scene::{Scene, Track},
 };
 use sage_data::{ReadOptions, Recording};
-use sage_run::{
-    output::Folder,
-    scene_queue::{Input, is_row_of},
-};
 use sage_view::{
     html_page::link,
     listing::{
@@ -24,10 +21,12 @@ use sage_view::{
 use serde::Serialize;
 
 use super::{
-    found_row::FoundRow,
     names::{INDEX, page_file, row_file},
     plan::Plan,
-    row::prevented,
+};
+use crate::{
+    output::Folder,
+    scene_queue::{Input, is_row_of},
 };
 
 /// Most scenes and attacks of a page: tens of megabytes.
@@ -83,11 +82,11 @@ struct Listed<'a> {
 ///
 /// *Errors*: the folder cannot be written to.
 pub(super) fn write(plan: &Plan, folder: &Folder, run_hash: &str, inputs: &[Input]) -> Result<()> {
-    let options = plan.args.reading.options();
+    let options = &plan.options.reading;
     let most = MOST_SCENES.min(MOST_ATTACKS / plan.variants().len()).max(1);
     let listed_inputs = &inputs[..inputs.len().min(most)];
     let all: Vec<Option<Listed>> =
-        listed_inputs.par_iter().map(|input| listed(plan, folder, run_hash, input, &options)).collect();
+        listed_inputs.par_iter().map(|input| listed(plan, folder, run_hash, input, options)).collect();
     let (mut scenes, mut items) = (Vec::new(), Vec::new());
     for Listed { name, road, entries } in all.into_iter().flatten() {
         items.extend(entries.into_iter().map(|entry| Entry { scene: scenes.len(), ..entry }));
@@ -96,7 +95,7 @@ pub(super) fn write(plan: &Plan, folder: &Folder, run_hash: &str, inputs: &[Inpu
     let points = &plan.generator.points;
     let label = |k: usize| points[k].long_label().replace("lambda ", "λ ");
     let data = Data {
-        title: format!("Attacks by {}", plan.generator.method),
+        title: format!("Attacks by {}", plan.generator.spec.method),
         subtitle: match inputs.len() > most {
             true => format!("the first {most} of {} scenes, {}", inputs.len(), plan.subtitle()),
             false => plan.subtitle(),

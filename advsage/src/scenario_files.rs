@@ -15,7 +15,7 @@ const PRIVATE: [&str; 2] = ["command", "weights"];
 /// Origin of a recording: its file, data set and scene, and how `sage generate` made it if it did.
 ///
 /// *Errors*: a native file whose source is damaged.
-pub(crate) fn provenance(recording: &Recording) -> Result<Provenance, sage_data::Error> {
+pub fn provenance(recording: &Recording) -> Result<Provenance, sage_data::Error> {
     // The name of a pipe says nothing and may differ from run to run.
     let is_file = recording.path.is_file() || is_record_path(&recording.path);
     let name = recording.path.file_name().filter(|_| is_file);
@@ -35,12 +35,12 @@ pub(crate) fn provenance(recording: &Recording) -> Result<Provenance, sage_data:
 /// Licence of the scenes of a recording's data set, if it is known.
 ///
 /// *Errors*: as [`provenance`].
-pub(crate) fn license(recording: &Recording) -> Result<Option<License>, sage_data::Error> {
+pub fn license(recording: &Recording) -> Result<Option<License>, sage_data::Error> {
     Ok(recording.dataset()?.and_then(|dataset| License::of_dataset(&dataset)))
 }
 
 /// The same with the facts of an attack.
-pub(crate) fn with_facts(mut provenance: Provenance, facts: &Map<String, Value>) -> Provenance {
+pub fn with_facts(mut provenance: Provenance, facts: &Map<String, Value>) -> Provenance {
     for (key, value) in facts.iter().filter(|(key, value)| !PRIVATE.contains(&&key[..]) && !value.is_null()) {
         let mut text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
         if let Some(path) = text.strip_prefix("path:") {

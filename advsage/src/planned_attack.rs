@@ -1,0 +1,75 @@
+//! An attack that was planned against a drive, and what the attacked drive says of it.
+
+use std::num::NonZeroUsize;
+
+use anyhow::Result;
+use sage_core::{
+    motion::NOW,
+    objective::{Context, Reason, Scorer},
+};
+use sage_sim::{
+    attack_test::AttackPath,
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+    drive::Drive,
+    episode::{Episode, LAST_FRAME, Verdict},
+    search::AttackedPath,
+};
+
+use crate::rows::{contact::step, drive::AttackRow};
+
+/// An attack that was planned against the drive without it.
+pub struct PlannedAttack {
+    /// The adversary's path: the plan, or what it drove against this driver.
+    pub path: AttackPath,
+    /// Whether it is feasible by the paper's rule.
+    pub feasible: bool,
+    /// Step of the contact with that drive.
+    contact: Option<usize>,
+    /// The scene with that drive.
+    ctx: Context,
+    /// Drives of the driver that the generator asked for.
+    queries: usize,
+}
+
+impl PlannedAttack {
+    /// A plan in the scene with the drive before.
+    pub fn of(ctx: &Context, path: AttackPath) -> Self {
+        let scores = Scorer::new(ctx).scores(&ctx.candidate(path.trajectory.clone()));
+        let (feasible, contact) = (scores.feasible, scores.collision_step);
+        Self { path, feasible, contact, ctx: ctx.clone(), queries: 0 }
+    }
+
+    /// The same, found after so many drives of the driver.
+    pub fn after(self, queries: usize) -> Self {
+        Self { queries, ..self }
+    }
+
+    /// The row of the attack, with what the attacked drive says of it. `before` is the drive without the attack.
+    ///
+    /// *Errors*: those of the search for evasive manoeuvres.
+    pub fn row(self, verdict: Verdict, episode: &Episode, before: &Drive) -> Result<AttackRow> {
+        let first = before.contacts.first().map(|contact| contact.step);
+        let mut row = AttackRow {
+            trajectory: self.path.trajectory.clone(),
+            feasible: self.feasible,
+            planned_contact: self.contact,
+            believable: None,
+            unbelievable: Vec::new(),
+            verdict,
+            queries: NonZeroUsize::new(self.queries),
+            avoidable: Avoidable::default(),
+            unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
+        };
+        let Some(contact) = episode.contacts.first().filter(|_| verdict.attack) else { return Ok(row) };
+        let ctx = AttackedPath::of(episode, before).context(&self.ctx)?;
+        let candidate = ctx.candidate(self.path.trajectory);
+        row.unbelievable = Scorer::new(&ctx).scores(&candidate).unbelievable;
+        if !verdict.solid && row.unbelievable.is_empty() {
+            row.unbelievable.push(Reason::shallow(contact.overlap));
+        }
+        row.believable = Some(row.unbelievable.is_empty());
+        let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
+        row.avoidable = avoidance.of_contact(&candidate, contact.contact.step.checked_sub(NOW));
+        Ok(row)
+    }
+}

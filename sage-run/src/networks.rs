@@ -1,0 +1,93 @@
+//! Loads networks, weights and generators by the names that commands accept, and says which they are.
+
+use advsage::{
+    Registries,
+    named_generator::{GeneratorSpec, NamedGenerator},
+    selection::Selection,
+    weights::{NamedExperts, NamedNetwork, find_dial, note_on_merger},
+};
+use anyhow::Result;
+use sage_backbones::Backbone;
+use sage_core::registry::Registry;
+use sage_generators::Aggression;
+use sage_merging::ExpertSet;
+use serde_json::{Value, json};
+
+use crate::{output, progress};
+
+/// Loads a prior by name.
+///
+/// *Errors*: as [`NamedNetwork::load`].
+pub fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<NamedNetwork> {
+    let loaded = NamedNetwork::load(registry, name)?;
+    note(loaded.note.as_deref());
+    Ok(loaded)
+}
+
+/// Loads a prior with its experts, and prints on stderr which are used.
+///
+/// *Errors*: as [`NamedExperts::load`].
+pub fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<ExpertSet> {
+    let loaded = NamedExperts::load(registry, name)?;
+    announce_experts(&loaded);
+    Ok(loaded.experts)
+}
+
+/// Loads the dial that was fitted for a set of experts and a selection. It maps aggression to λ and μ.
+///
+/// *Errors*: no dial was fitted, or it was fitted for other experts.
+pub fn load_dial(name: &str, experts: &ExpertSet, selection: &Selection, merger: &str) -> Result<Aggression> {
+    let dial = find_dial(name, experts, selection)?;
+    if let Some(note) = note_on_merger(&dial, merger) {
+        progress::say(&format!("warning: {note}"));
+    }
+    Ok(dial.mu)
+}
+
+/// Builds a generator by name, and prints on stderr which experts it uses and what the user should know.
+///
+/// *Errors*: an option is out of range or names an unknown part; weights cannot be used, or have no dial.
+pub fn build_generator(spec: GeneratorSpec, registries: &Registries) -> Result<NamedGenerator> {
+    let method = spec.method.to_string();
+    let checked = spec.checked(registries)?;
+    if !checked.unused.is_empty() {
+        let options: Vec<String> = checked.unused.iter().map(|field| format!("--{field}")).collect();
+        progress::say(&format!("note: `{method}` does not depend on {}", options.join(", ")));
+    }
+    checked.note.iter().for_each(|note| progress::say(&format!("note: {note}")));
+    let named = checked.build(announce_experts)?;
+    named.notes.iter().for_each(|note| progress::say(&format!("warning: {note}")));
+    Ok(named)
+}
+
+/// What identifies the attacks of a generator in the record of a run.
+///
+/// *Errors*: none on a CPU.
+pub fn generator_identity(generator: &NamedGenerator) -> Result<Value> {
+    let mut identity = generator.identity()?;
+    for (key, value) in [
+        ("command", output::command()),
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ("program", output::program()),
+    ] {
+        identity.insert(key.to_owned(), json!(value));
+    }
+    Ok(Value::Object(identity))
+}
+
+/// Prints on stderr which weights are used.
+pub fn announce(loaded: &NamedNetwork) {
+    progress::say(&format!("note: {}", loaded.description()));
+}
+
+/// Prints on stderr which experts are used.
+pub fn announce_experts(loaded: &NamedExperts) {
+    note(loaded.note.as_deref());
+    progress::say(&format!("note: {}", loaded.description()));
+}
+
+fn note(text: Option<&str>) {
+    if let Some(text) = text {
+        progress::say_once(&format!("note: {text}"));
+    }
+}

@@ -1,6 +1,5 @@
 //! The files of an attacked scene: pickle, native file, JSON of GPUDrive, OpenSCENARIO.
 
-use anyhow::{Result, ensure};
 use sage_core::{motion::Trajectory, scene::Scene};
 use sage_data::{
     Recording, VariantWriter, dataset,
@@ -9,7 +8,10 @@ use sage_data::{
 use sage_generators::attacked;
 use serde_json::{Map, Value, json};
 
-use crate::scenario_files::{self, with_facts};
+use crate::{
+    Error, Result,
+    scenario_files::{self, with_facts},
+};
 
 /// Length limit of a file name on common file systems, bytes.
 pub const LONGEST_FILE_NAME: usize = 255;
@@ -114,11 +116,12 @@ impl<'s> AttackedFiles<'s> {
         for variant in variants {
             let (dataset, version) = (self.writer.dataset(), self.writer.version());
             let name = dataset::file_name(dataset, version, &format!("{}-{variant}", self.scene));
-            ensure!(
-                name.len() <= LONGEST_FILE_NAME,
-                "an output would have a name of {} bytes, more than {LONGEST_FILE_NAME}; rename the scene file",
-                name.len()
-            );
+            if name.len() > LONGEST_FILE_NAME {
+                return Err(Error::Value(format!(
+                    "an output would have a name of {} bytes, more than {LONGEST_FILE_NAME}; rename the scene file",
+                    name.len()
+                )));
+            }
         }
         Ok(())
     }

@@ -2,7 +2,6 @@
 
 use std::{path::Path, sync::Arc};
 
-use anyhow::{Context as _, Result, bail};
 use sage_core::{files, registry::Entry};
 use sage_data::MAX_SCENE_FILE;
 use sage_sim::{
@@ -15,7 +14,7 @@ use sage_sim::{
 };
 use serde_json::{Value, json};
 
-use crate::{Registries, part::PolicyPart, references};
+use crate::{Error, Registries, Result, part::PolicyPart, references};
 
 /// A driver under test.
 pub struct Ego {
@@ -46,7 +45,7 @@ impl Ego {
         let is_command = registries.policies.get(&part.name).is_err() && part.name.contains([' ', '/']);
         let hint = || format!("to run a program as the driver, write --ego 'cmd:{}'", part.name);
         let policy = part.build(&registries.policies);
-        let policy = if is_command { policy.with_context(hint)? } else { policy? };
+        let policy = if is_command { policy.map_err(|error| error.within(hint()))? } else { policy? };
         let mut note = None;
         if let Some(file) = named.file().filter(|_| part.name == Td3::NAME)
             && read_policy(file.as_ref()).is_ok_and(|(_, card)| !card.is_hashed)
@@ -94,7 +93,7 @@ impl Ego {
     pub fn all(parts: &[PolicyPart], registries: &Registries) -> Result<Vec<Self>> {
         let egos = parts.iter().map(|part| Self::new(part, registries)).collect::<Result<Vec<_>>>()?;
         match (1..egos.len()).find(|&k| egos[..k].iter().any(|ego| ego.label == egos[k].label)) {
-            Some(twice) => bail!("the policy `{}` is given twice", egos[twice].label),
+            Some(twice) => Err(Error::Value(format!("the policy `{}` is given twice", egos[twice].label))),
             None => Ok(egos),
         }
     }
@@ -109,7 +108,8 @@ pub fn identity(part: &PolicyPart) -> Result<Value> {
     for file in part.files_and_beside() {
         let shown = file.display();
         let hash = if part.is_program() { file_hash(&file) } else { content_hash(&file) };
-        all.push(json!(hash.with_context(|| format!("cannot read `{shown}`"))?));
+        let hash = hash.map_err(|error| Error::from(error).within(format!("cannot read `{shown}`")))?;
+        all.push(json!(hash));
     }
     Ok(if all.len() == 1 { all.remove(0) } else { json!(all) })
 }

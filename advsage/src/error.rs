@@ -1,8 +1,12 @@
-//! Errors of what users name, grouped by how a caller can react. Functions of this crate return `anyhow::Error`, so that
-//! messages gather causes; the cause is one of these, or the error of a crate below.
+//! Errors, grouped by how a caller can react.
 
-/// An error of `sage-bench`.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+use std::{error::Error as StdError, io};
+
+/// What this crate returns.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// An error of this crate, or of a crate below.
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A name that nothing has: of weights, of a selection.
@@ -11,4 +15,103 @@ pub enum Error {
     /// A value that is out of range, or given twice.
     #[error("{0}")]
     Value(String),
+    /// An error within what was done.
+    #[error("{what}")]
+    Within {
+        /// What was done.
+        what: String,
+        /// The error.
+        source: Box<Self>,
+    },
+    /// A scene, a part or an attack.
+    #[error(transparent)]
+    Core(#[from] sage_core::Error),
+    /// A file of a scene.
+    #[error(transparent)]
+    Data(#[from] sage_data::Error),
+    /// A network or its weights.
+    #[error(transparent)]
+    Network(#[from] sage_backbones::Error),
+    /// A merger or its experts.
+    #[error(transparent)]
+    Merging(#[from] sage_merging::Error),
+    /// A generator.
+    #[error(transparent)]
+    Generator(#[from] sage_generators::Error),
+    /// A driver or a simulation.
+    #[error(transparent)]
+    Simulation(Box<sage_sim::Error>),
+    /// A text that is not the JSON that it should be.
+    #[error(transparent)]
+    Json(#[from] serde_json::Error),
+    /// A file that cannot be read.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+impl From<sage_sim::Error> for Error {
+    fn from(error: sage_sim::Error) -> Self {
+        Self::Simulation(Box::new(error))
+    }
+}
+
+impl Error {
+    /// The same within what was done.
+    #[must_use]
+    pub fn within(self, what: impl Into<String>) -> Self {
+        Self::Within { what: what.into(), source: Box::new(self) }
+    }
+
+    /// The error of a crate below, if it is one.
+    fn below(&self) -> Option<&(dyn StdError + 'static)> {
+        Some(match self {
+            Self::Core(error) => error,
+            Self::Data(error) => error,
+            Self::Network(error) => error,
+            Self::Merging(error) => error,
+            Self::Generator(error) => error,
+            Self::Simulation(error) => &**error,
+            Self::Json(error) => error,
+            Self::Io(error) => error,
+            Self::Unknown(_) | Self::Value(_) | Self::Within { .. } => return None,
+        })
+    }
+}
+
+/// A cause as an error of a type, also where it is wrapped in an [`Error`].
+pub fn as_cause<'e, T: StdError + 'static>(cause: &'e (dyn StdError + 'static)) -> Option<&'e T> {
+    let below = cause.downcast_ref::<Error>().and_then(Error::below);
+    cause.downcast_ref().or_else(|| below?.downcast_ref())
+}
+
+/// True if a cause says that the two cars of a scene touch *now*, so that no attack can be measured.
+pub fn is_contact_now(cause: &(dyn StdError + 'static)) -> bool {
+    matches!(as_cause(cause), Some(sage_core::Error::ContactNow { .. }))
+}
+
+/// An error with its causes, in one line.
+pub(crate) fn in_one_line(error: &dyn StdError) -> String {
+    let mut line = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        line += &format!(": {error}");
+        cause = error.source();
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn causes_are_found_and_said_once() {
+        let cause =
+            sage_core::Error::ContactNow { scene: "7".into(), ego: "a".into(), adversary: "b".into() };
+        let error = Error::from(cause).within("driver `idm`");
+        assert!(!is_contact_now(&error));
+        let source = error.source().expect("it has a cause");
+        assert!(is_contact_now(source) && source.source().is_none());
+        assert_eq!(in_one_line(&error).matches("contact_now").count(), 1, "{}", in_one_line(&error));
+    }
 }

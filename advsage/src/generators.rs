@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result};
 use sage_core::{
     Error,
     generator::{ApartNow, Attack, Generator as _, OperatingPoint},
@@ -23,7 +22,8 @@ use sage_sim::{
 use serde_json::{Map, Value};
 
 use crate::{
-    Registries,
+    Registries, Result,
+    error::in_one_line,
     operating_point::{OperatingPointSpec, RowKey},
     part::Part,
     selection::Selection,
@@ -197,7 +197,7 @@ impl BuiltGenerator {
     /// *Errors*: an expert is missing.
     pub fn check_lambda(&self) -> Result<()> {
         let checked = self.among_experts(&OperatingPoint::at(1.0, 1.0));
-        checked.map(drop).with_context(|| format!("generator `{}`", self.label))
+        checked.map(drop).map_err(|error| error.within(format!("generator `{}`", self.label)))
     }
 
     /// The attack at an operating point between two experts, with all candidates.
@@ -226,7 +226,7 @@ impl BuiltGenerator {
 
     /// [`BuiltGenerator::among_experts`] for a scene that errors name.
     fn point_in(&self, scene: &Scene, at: &OperatingPoint) -> Result<OperatingPoint, sage_sim::Error> {
-        self.among_experts(at).map_err(|error| self.wrong_in(scene, &format!("{error:#}")))
+        self.among_experts(at).map_err(|error| self.wrong_in(scene, &in_one_line(&error)))
     }
 
     /// An operating point between two experts, among all experts of the set.
@@ -295,9 +295,7 @@ pub fn weight_hashes(experts: &ExpertSet) -> Result<Map<String, Value>> {
 /// *Errors*: the first key that occurs twice.
 pub fn refuse_duplicates(keys: &[RowKey]) -> Result<()> {
     match keys.iter().enumerate().find(|(k, key)| keys[..*k].contains(key)) {
-        Some((_, key)) => {
-            Err(crate::Error::Value(format!("the row `{}` is given twice", key.label())).into())
-        }
+        Some((_, key)) => Err(crate::Error::Value(format!("the row `{}` is given twice", key.label()))),
         None => Ok(()),
     }
 }

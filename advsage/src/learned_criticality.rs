@@ -10,7 +10,7 @@ use sage_core::{
 use sage_generators::learned_scores;
 use serde::{Deserialize, Serialize};
 
-use crate::weights;
+use crate::{error::in_one_line, weights};
 
 /// How critical a trajectory is for the ego by SEAL's network, in [0, 1]: the mean of its two outputs, the predicted collision
 /// score and the predicted change of the ego's path.
@@ -43,9 +43,9 @@ impl Entry<dyn Reward> for LearnedCriticality {
 
     fn build(options: LearnedCriticalityOptions) -> Result<Box<dyn Reward>, String> {
         let name = &options.weights;
-        let found = weights::find(name).map_err(|error| format!("`weights`: {error:#}"))?;
+        let found = weights::find(name).map_err(|error| format!("`weights`: {}", in_one_line(&error)))?;
         let loaded = SealWeights::load_file(&found, SEAL_FILE);
-        let loaded = loaded.map_err(|error| format!("`weights`: {:#}", anyhow::Error::from(error)))?;
+        let loaded = loaded.map_err(|error| format!("`weights`: {}", in_one_line(&error)))?;
         let hash = found.tensors(SEAL_FILE).and_then(|(parameters, _)| parameters.hash());
         let content = hash.map_err(|error| format!("`weights`: {error}"))?;
         Ok(Box::new(Self { network: Arc::new(loaded.criticality), content }))

@@ -27,6 +27,6 @@ pub mod selection;
 pub mod selection_outcome;
 pub mod weights;
 
-pub use error::Error;
+pub use error::{Error, Result, as_cause, is_contact_now};
 pub use learned_criticality::{LearnedCriticality, LearnedCriticalityOptions};
 pub use registries::Registries;

@@ -1,12 +1,11 @@
 //! A generator as a user names it, with all that it is built from: options, selection, merger, weights and operating points.
 
-use anyhow::{Context as _, Result};
 use sage_core::objective::FurtherMeasures;
 use sage_generators::{Aggression, Facts};
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Error, Registries,
+    Error, Registries, Result,
     generators::{BuiltGenerator, Generators, weight_hashes},
     operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
@@ -88,9 +87,7 @@ impl GeneratorSpec {
         let variants = self.points.variants(generators.merger().range())?;
         let variants = if facts.uses_operating_point() { variants } else { vec![self.method.name.clone()] };
         if let Some(twice) = (1..variants.len()).find(|k| variants[..*k].contains(&variants[*k])) {
-            return Err(
-                Error::Value(format!("the operating point `{}` is given twice", variants[twice])).into()
-            );
+            return Err(Error::Value(format!("the operating point `{}` is given twice", variants[twice])));
         }
         Ok(CheckedGenerator { registries, spec: self, selection, generators, facts, variants, unused, note })
     }
@@ -200,7 +197,8 @@ pub(crate) fn dial(
     merger: &Part,
     notes: &mut Vec<String>,
 ) -> Result<Aggression> {
-    let weights = weights.context("a dial needs experts; name weights that hold some")?;
+    let weights = weights
+        .ok_or_else(|| Error::Value("a dial needs experts; name weights that hold some".to_owned()))?;
     let dial = find_dial(&weights.name, &weights.experts, selection)?;
     notes.extend(note_on_merger(&dial, &merger.to_string()));
     Ok(dial.mu)

@@ -1,10 +1,9 @@
 //! A search as a user names it, with all that its plans are built from.
 
-use anyhow::Result;
 use sage_generators::Facts;
 
 use crate::{
-    Registries,
+    Registries, Result,
     generators::Generators,
     named_generator::dial,
     operating_point::{OperatingPointSpec, OperatingPoints},
@@ -60,7 +59,7 @@ impl SearchSpec {
     pub fn build(self, registries: &Registries, loaded: impl FnOnce(&NamedExperts)) -> Result<NamedSearch> {
         let rule = search::rule(registries, self.feasibility.as_ref())?;
         let of_rule = Generators::new(registries, &self.merger, &rule, self.seed)?;
-        let method = self.method.map(|method| Ok::<_, anyhow::Error>((of_rule.facts(&method)?, method)));
+        let method = self.method.map(|method| Ok::<_, crate::Error>((of_rule.facts(&method)?, method)));
         let method = method.transpose()?.map(|(facts, method)| (method, facts));
         let selection = Selection::of(registries, &self.selection, self.feasibility.as_ref())?;
         // Of a generator that plans against the ego the selection is the plan; of the others every candidate is one.

@@ -29,7 +29,7 @@ impl OperatingPointSpec {
     /// The operating point at a λ. μ equals λ unless given; for a λ beyond 0 to 1, the nearest of the two.
     ///
     /// *Errors*: λ or μ out of range.
-    pub fn at(lambda: f64, mu: Option<f64>, range: Range) -> anyhow::Result<Self> {
+    pub fn at(lambda: f64, mu: Option<f64>, range: Range) -> crate::Result<Self> {
         range.check_weights(2, &Mixture::between(lambda))?;
         Ok(Self {
             aggression: None,
@@ -42,7 +42,7 @@ impl OperatingPointSpec {
     /// The operating point at an aggression.
     ///
     /// *Errors*: the aggression is out of range.
-    pub fn of(dial: &Aggression, aggression: f64) -> anyhow::Result<Self> {
+    pub fn of(dial: &Aggression, aggression: f64) -> crate::Result<Self> {
         let (lambda, mu) = dial.lambda_and_mu(aggression)?;
         Ok(Self { aggression: Some(aggression), lambda: Some(lambda), mix: Vec::new(), mu })
     }
@@ -51,7 +51,7 @@ impl OperatingPointSpec {
     /// given.
     ///
     /// *Errors*: μ is out of range.
-    pub fn mixed(mix: &[(String, f64)], mu: Option<f64>) -> anyhow::Result<Self> {
+    pub fn mixed(mix: &[(String, f64)], mu: Option<f64>) -> crate::Result<Self> {
         let adversarial = mix.iter().find(|(name, _)| name == ADVERSARIAL).map_or(0.0, |(_, weight)| *weight);
         Ok(Self {
             aggression: None,
@@ -65,7 +65,7 @@ impl OperatingPointSpec {
     /// its adversarial expert.
     ///
     /// *Errors*: the set does not contain a named expert.
-    pub fn point(&self, experts: Option<&ExpertSet>) -> anyhow::Result<OperatingPoint> {
+    pub fn point(&self, experts: Option<&ExpertSet>) -> crate::Result<OperatingPoint> {
         let mixture = match (experts, self.lambda) {
             (Some(experts), Some(lambda)) => experts.between(lambda)?,
             (Some(experts), None) => {
@@ -152,11 +152,11 @@ impl OperatingPoints {
     /// All of them: aggressions first, then mixtures, then λ. The dial is asked for only if there are aggressions.
     ///
     /// *Errors*: a value that is out of range, or that the merger refuses; those of the dial.
-    pub fn specs(
+    pub fn specs<E: From<Error>>(
         &self,
         range: Range,
-        dial: impl FnOnce() -> anyhow::Result<Aggression>,
-    ) -> anyhow::Result<Vec<OperatingPointSpec>> {
+        dial: impl FnOnce() -> Result<Aggression, E>,
+    ) -> Result<Vec<OperatingPointSpec>, E> {
         let mut specs = Vec::new();
         if !self.aggression.is_empty() {
             let dial = dial()?;
@@ -164,12 +164,12 @@ impl OperatingPoints {
                 self.aggression
                     .iter()
                     .map(|aggression| OperatingPointSpec::of(&dial, *aggression))
-                    .collect::<anyhow::Result<Vec<_>>>()?,
+                    .collect::<crate::Result<Vec<_>>>()?,
             );
         }
         for mix in &self.mix {
             let weights = mix.iter().map(|(_, weight)| *weight).collect();
-            range.check_weights(mix.len(), &Mixture::new(weights))?;
+            range.check_weights(mix.len(), &Mixture::new(weights)).map_err(Error::from)?;
             specs.push(OperatingPointSpec::mixed(mix, self.mu)?);
         }
         for lambda in &self.lambda {
@@ -181,8 +181,8 @@ impl OperatingPoints {
     /// Their names in file names, which do not depend on a dial.
     ///
     /// *Errors*: as [`OperatingPoints::specs`].
-    pub fn variants(&self, range: Range) -> anyhow::Result<Vec<String>> {
-        let specs = self.specs(range, || Ok(Aggression::new(vec![0.0, 1.0])?))?;
+    pub fn variants(&self, range: Range) -> crate::Result<Vec<String>> {
+        let specs = self.specs(range, || Ok::<_, Error>(Aggression::new(vec![0.0, 1.0])?))?;
         Ok(specs.iter().map(OperatingPointSpec::variant).collect())
     }
 }
@@ -240,9 +240,9 @@ pub fn mix(text: &str) -> Result<Vec<(String, f64)>, String> {
     Ok(weights)
 }
 
-fn checked(mu: f64) -> anyhow::Result<f64> {
+fn checked(mu: f64) -> crate::Result<f64> {
     if !(0.0..=1.0).contains(&mu) {
-        return Err(Error::Value(format!("mu is {mu}; expected 0 to 1")).into());
+        return Err(Error::Value(format!("mu is {mu}; expected 0 to 1")));
     }
     Ok(mu)
 }

@@ -2,7 +2,6 @@
 
 use std::{fmt, path::PathBuf, str::FromStr};
 
-use anyhow::Result;
 use sage_core::{objective::PartSpec, registry::Registry};
 use serde_json::{Map, Value};
 
@@ -19,7 +18,7 @@ impl Part {
     /// Builds the part.
     ///
     /// *Errors*: the name is not registered, or the part refuses the options.
-    pub fn build<T: ?Sized>(&self, registry: &Registry<T>) -> Result<Box<T>> {
+    pub fn build<T: ?Sized>(&self, registry: &Registry<T>) -> crate::Result<Box<T>> {
         Ok(registry.build(&self.name, &Value::Object(self.options.clone()))?)
     }
 

@@ -2,7 +2,6 @@
 
 use std::num::NonZeroUsize;
 
-use anyhow::Result;
 use sage_core::{
     motion::NOW,
     objective::{Context, Reason, Scorer},
@@ -15,7 +14,10 @@ use sage_sim::{
     search::AttackedPath,
 };
 
-use crate::rows::{contact::step, drive::AttackRow};
+use crate::{
+    Result,
+    rows::{contact::step, drive::AttackRow},
+};
 
 /// An attack that was planned against the drive without it.
 pub struct PlannedAttack {

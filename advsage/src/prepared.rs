@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
 use sage_core::{
     Error as CoreError,
     objective::{Context, ContextOptions},
@@ -10,7 +9,7 @@ use sage_core::{
 };
 use sage_sim::{SimScene, attack_test::AttackTest, policy::EgoPolicy};
 
-use crate::generators::Against;
+use crate::{Error, Result, generators::Against};
 
 /// The recording of a scene, ready to be attacked.
 ///
@@ -44,12 +43,15 @@ impl<'d> Prepared<'d> {
     /// The recording, or a driver after its drive without an attack; `test` lets it drive.
     ///
     /// *Errors*: as [`recording`] and [`DriverInScene::new`].
-    pub fn new(
+    pub fn new<E>(
         scene: Arc<Scene>,
         index: &Arc<SceneIndex>,
         driver: &dyn EgoPolicy,
-        test: impl FnOnce(&Arc<SimScene>) -> Result<AttackTest<'d>>,
-    ) -> Result<Self> {
+        test: impl FnOnce(&Arc<SimScene>) -> Result<AttackTest<'d>, E>,
+    ) -> Result<Self>
+    where
+        Error: From<E>,
+    {
         if driver.is_recording() {
             return Ok(Self { test: None, ctx: recording(&scene, index)? });
         }
@@ -75,10 +77,13 @@ impl<'d> DriverInScene<'d> {
     /// Lets a driver drive without an attack.
     ///
     /// *Errors*: as [`recording`], for the recording and for that drive; the driver cannot drive here.
-    pub fn new(
+    pub fn new<E>(
         scene: &Arc<SimScene>,
-        test: impl FnOnce(&Arc<SimScene>) -> Result<AttackTest<'d>>,
-    ) -> Result<Self> {
+        test: impl FnOnce(&Arc<SimScene>) -> Result<AttackTest<'d>, E>,
+    ) -> Result<Self>
+    where
+        Error: From<E>,
+    {
         scene.scene().attackable_horizon()?;
         scene.scene().check_apart_now()?;
         Self::of_test(test(scene)?)

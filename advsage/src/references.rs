@@ -1,10 +1,9 @@
 //! Reference drivers by name: those that say whether a contact is preventable.
 
-use anyhow::{Context as _, Result, ensure};
 use sage_sim::reference::{DEFAULT, Reference};
 use serde_json::json;
 
-use crate::Registries;
+use crate::{Error, Registries, Result};
 
 /// The default names.
 pub fn default_names() -> Vec<String> {
@@ -18,10 +17,14 @@ pub fn default_names() -> Vec<String> {
 pub fn references(names: &[String], tested: &str, registries: &Registries) -> Result<Vec<Reference>> {
     let mut all: Vec<Reference> = Vec::new();
     for (k, name) in names.iter().enumerate() {
-        ensure!(!names[..k].contains(name), "the reference driver `{name}` is given twice");
+        if names[..k].contains(name) {
+            return Err(Error::Value(format!("the reference driver `{name}` is given twice")));
+        }
         // Built although it may not be asked: a wrong name is an error for every driver.
-        let policy = registries.policies.build(name, &json!({})).with_context(|| {
-            format!("`{name}` cannot be a reference driver; expected the name of a policy without options")
+        let policy = registries.policies.build(name, &json!({})).map_err(|error| {
+            Error::from(error).within(format!(
+                "`{name}` cannot be a reference driver; expected the name of a policy without options"
+            ))
         })?;
         if name != tested {
             all.push(Reference { name: name.clone(), policy });

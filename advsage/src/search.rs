@@ -1,6 +1,5 @@
 //! Searches with the driver in the loop: which generators propose the plans, and the search of one scene.
 
-use anyhow::{Result, ensure};
 use sage_core::{
     generator::{Attack, Proposal},
     objective::{Context, DrivableFeasibility, Objective, ObjectiveSpec, PartSpec, TermSpec, Weight},
@@ -14,7 +13,7 @@ use sage_sim::{
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Registries,
+    Registries, Result,
     generators::{Against, BuiltGenerator, Generators},
     operating_point::{OperatingPointSpec, RowKey},
     part::Part,
@@ -194,7 +193,7 @@ pub fn rule(registries: &Registries, feasibility: Option<&Part>) -> Result<Selec
     let drivable = Part::named(DrivableFeasibility::NAME);
     let spec = likeliest(feasibility.unwrap_or(&drivable).spec());
     let objective = Objective::new(&spec, &registries.rewards, &registries.feasibilities)?;
-    ensure!(objective.needs_prior(), "the selection of a search asks for likelihoods");
+    debug_assert!(objective.needs_prior(), "the selection of a search asks for likelihoods");
     Ok(Selection { name: "likeliest".to_owned(), objective })
 }
 

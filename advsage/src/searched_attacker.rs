@@ -2,14 +2,13 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use anyhow::Result;
 use sage_core::generator::OperatingPoint;
 use sage_sim::{
     Error, SimScene, attack_test::AttackTest, batch::Recent, drive::Drive, policy::EgoPolicy,
     reference::Reference, rl::Attacker, search::SearchOptions, traffic::Plan,
 };
 
-use crate::{named_search::NamedSearch, prepared::DriverInScene};
+use crate::{Result, error::in_one_line, named_search::NamedSearch, prepared::DriverInScene};
 
 /// Scenes whose plans are kept.
 const SCENES: usize = 1024;
@@ -50,7 +49,7 @@ impl SearchedAttacker {
             let again = SimScene::new(scene.scene().clone(), scene.index().clone())?;
             let DriverInScene { test, ctx } = DriverInScene::new(&again, |scene| {
                 let test = AttackTest::new(&*self.policy, scene, self.seed)?;
-                Ok(test.with_references(&self.references))
+                Ok::<_, Error>(test.with_references(&self.references))
             })?;
             let rule = &self.search.rule.objective;
             let (pool, result) = self.search.plans.search(&test, &ctx, rule, &self.options, self.seed)?;
@@ -60,7 +59,7 @@ impl SearchedAttacker {
             });
             plans.collect()
         };
-        let plans = search().map_err(|error| wrong(format!("the search failed: {error:#}")))?;
+        let plans = search().map_err(|error| wrong(format!("the search failed: {}", in_one_line(&error))))?;
         if plans.is_empty() {
             return Err(wrong("the search found no plan that the driver fails at".to_owned()));
         }

@@ -2,13 +2,12 @@
 
 use std::path::Path;
 
-use anyhow::{Context as _, Result};
 use sage_core::{
     files,
     objective::{Objective, ObjectiveSpec, PRESETS},
 };
 
-use crate::{Error, Registries, part::Part};
+use crate::{Error, Registries, Result, part::Part};
 
 /// Size limit of an objective file, bytes.
 const LIMIT: u64 = 1 << 20;
@@ -35,23 +34,25 @@ impl Selection {
             spec.feasibility = rule.spec();
         }
         let objective = Objective::new(&spec, &registries.rewards, &registries.feasibilities);
-        let objective = objective.with_context(|| format!("selection `{name}`"))?;
+        let objective =
+            objective.map_err(|error| Error::from(error).within(format!("selection `{name}`")))?;
         Ok(Self { name: name.to_owned(), objective })
     }
 }
 
 fn read(name: &str) -> Result<ObjectiveSpec> {
     if name.trim_start().starts_with('{') {
-        return serde_json::from_str(name).with_context(|| format!("selection `{name}`"));
+        return serde_json::from_str(name)
+            .map_err(|error| Error::from(error).within(format!("selection `{name}`")));
     }
     let path = Path::new(name);
     if !name.ends_with(".json") && !path.exists() {
         let known = PRESETS.map(|(name, _)| name).join(", ");
         return Err(Error::Unknown(format!(
             "unknown selection `{name}`; known: {known}; or an objective as JSON or as a JSON file"
-        ))
-        .into());
+        )));
     }
-    let text = files::read_text(path, LIMIT).with_context(|| format!("cannot read `{name}`"))?;
-    serde_json::from_str(&text).with_context(|| format!("`{name}`"))
+    let text = files::read_text(path, LIMIT)
+        .map_err(|error| Error::from(error).within(format!("cannot read `{name}`")))?;
+    serde_json::from_str(&text).map_err(|error| Error::from(error).within(format!("`{name}`")))
 }

@@ -3,7 +3,6 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result};
 use sage_backbones::{
     Backbone,
     parameters::Header,
@@ -13,7 +12,7 @@ use sage_core::registry::Registry;
 use sage_generators::FittedDial;
 use sage_merging::ExpertSet;
 
-use crate::{Error, selection::Selection};
+use crate::{Error, Result, selection::Selection};
 
 /// Environment variable that names the folder of weights trained on recorded scenes.
 pub const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
@@ -54,8 +53,7 @@ impl NamedNetwork {
             if !network.parameter_specs().is_empty() {
                 return Err(Error::Value(format!(
                     "`{name}` is a network without weights; name a folder of weights, `procedural` or `waymo`"
-                ))
-                .into());
+                )));
             }
             (network, Header { backbone: name.to_owned(), ..Header::default() })
         } else if let Some(backbone) = name.strip_prefix(UNTRAINED) {
@@ -98,7 +96,8 @@ impl NamedExperts {
     ///
     /// *Errors*: as [`NamedNetwork::load`]; an expert is missing or does not match the prior.
     pub fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
-        let found = ExpertSet::load(&find(name)?, registry).with_context(|| format!("weights `{name}`"));
+        let found = ExpertSet::load(&find(name)?, registry)
+            .map_err(|error| Error::from(error).within(format!("weights `{name}`")));
         let (experts, header) = found?;
         let note = note_without_hash(name, &header, experts.files_without_hash());
         Ok(Self { name: name.to_owned(), experts, header, note })
@@ -109,7 +108,8 @@ impl NamedExperts {
     /// *Errors*: as [`NamedNetwork::load`].
     fn load_prior(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
         let source = find(name)?;
-        let (prior, header) = source.prior(registry).with_context(|| format!("weights `{name}`"))?;
+        let (prior, header) =
+            source.prior(registry).map_err(|error| Error::from(error).within(format!("weights `{name}`")))?;
         let note = note_without_hash(name, &header, &[]);
         let experts = ExpertSet::of_prior(prior.into()).from_source(source);
         Ok(Self { name: name.to_owned(), experts, header, note })
@@ -162,7 +162,6 @@ pub(crate) fn find(name: &str) -> Result<Weights> {
             Error::Unknown(format!(
                 "no weights `{name}`: there is no `weights/{name}/{PRIOR_FILE}` in this folder, and {WEIGHTS_VARIABLE} is not set or holds none; use the weights `procedural`, or a folder"
             ))
-            .into()
         }),
         _ => {
             let weights = Weights::at(Path::new(name));
@@ -170,8 +169,7 @@ pub(crate) fn find(name: &str) -> Result<Weights> {
                 return Err(Error::Unknown(format!(
                     "no weights `{name}`: expected {}, a file, or a folder that holds `{PRIOR_FILE}`",
                     SHIPPED.map(|name| format!("`{name}`")).join(", ")
-                ))
-                .into());
+                )));
             }
             Ok(weights)
         }
@@ -195,8 +193,7 @@ fn recorded(name: &str) -> Result<Option<PathBuf>> {
         (None, None) => Err(Error::Unknown(format!(
             "{WEIGHTS_VARIABLE} is `{}`, which holds neither `{WAYMO}/{PRIOR_FILE}` nor `{PRIOR_FILE}`; correct or unset it",
             folder.display()
-        ))
-        .into()),
+        ))),
     }
 }
 

@@ -88,12 +88,12 @@ fn driver_in_scene<'t>(
     seed: u64,
 ) -> Result<DriverInScene<'t>> {
     let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
-    DriverInScene::new(simulated, |scene| Ok(ego.test(scene, seed)?))
+    Ok(DriverInScene::new(simulated, |scene| ego.test(scene, seed))?)
 }
 
 /// Whether an error says that two cars touch *now*: nothing can be measured then, which is no failure.
 fn is_contact_now(error: &anyhow::Error) -> bool {
-    matches!(error.downcast_ref(), Some(sage_core::Error::ContactNow { .. }))
+    error.chain().any(advsage::is_contact_now)
 }
 
 fn infos<S>(metrics: &[Metric<S>]) -> Vec<MetricInfo> {

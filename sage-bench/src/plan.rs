@@ -126,7 +126,8 @@ impl Plan {
         } else {
             Vec::new()
         };
-        let hashes = groups.iter().map(|group| weight_hashes(&group.experts)).collect::<Result<Vec<_>>>()?;
+        let hashes =
+            groups.iter().map(|group| Ok(weight_hashes(&group.experts)?)).collect::<Result<Vec<_>>>()?;
         let mut identity = json!({
             "study": study, "selection": selection.objective.spec(), "experts": hashes,
             "points": groups.iter().map(|group| &group.points).collect::<Vec<_>>(),
@@ -137,7 +138,7 @@ impl Plan {
         if !files.is_empty() || !contents.is_empty() {
             identity["contents"] = json!([files, contents]);
         }
-        identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
+        identity["ego"] = parts.iter().map(ego::identity).collect::<advsage::Result<Vec<_>>>()?.into();
         let mut measurements: Vec<Box<dyn Measurement>> = Vec::new();
         // Without generators that use networks, policies say nothing.
         let has_network = groups.iter().flat_map(|group| &group.built).any(|built| built.facts.needs_experts);

@@ -39,7 +39,7 @@ impl Built {
     ) -> Result<(Arc<SceneData>, Attack)> {
         let index = scene.index.clone();
         index.build_all();
-        let drives = |scene: &_| Ok(AttackTest::new(&*driver.policy, scene, seed)?);
+        let drives = |scene: &_| AttackTest::new(&*driver.policy, scene, seed);
         let prepared = Prepared::new(scene.scene.clone(), &index, &*driver.policy, drives)?;
         let ctx = &prepared.ctx;
         let attack = first(self.named.built.attacks(ctx, prepared.against(), seed)?)?;

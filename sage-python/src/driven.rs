@@ -88,7 +88,7 @@ impl Driven {
             let episode = Episode::run(&simulated, None, &*driver.policy, seed)?;
             return Ok(Self { episode, attacked: None });
         }
-        let drives = |scene: &_| Ok(AttackTest::new(&*driver.policy, scene, seed)?);
+        let drives = |scene: &_| AttackTest::new(&*driver.policy, scene, seed);
         let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
         let mut queries = 0;
         let path = match attacker {

@@ -157,12 +157,26 @@ fn kind<'e>(cause: &'e (dyn std::error::Error + 'static)) -> Kind<'e> {
         return of_simulation(error);
     }
     if let Some(error) = cause.downcast_ref() {
-        return match error {
-            advsage::Error::Unknown(_) => Kind::Unknown,
-            _ => Kind::Option,
-        };
+        return of_facade(error);
     }
     cause.downcast_ref().map_or(Kind::Other, |error| Kind::File(None, error))
+}
+
+fn of_facade(error: &advsage::Error) -> Kind<'_> {
+    use advsage::Error;
+    match error {
+        Error::Unknown(_) => Kind::Unknown,
+        Error::Core(error) => of_core(error),
+        Error::Data(error) => of_data(error),
+        Error::Network(error) => of_network(error),
+        Error::Merging(error) => of_merging(error),
+        Error::Generator(error) => of_generator(error),
+        Error::Simulation(error) => of_simulation(error),
+        Error::Io(error) => Kind::File(None, error),
+        // Its cause says more.
+        Error::Within { .. } => Kind::Other,
+        _ => Kind::Option,
+    }
 }
 
 fn of_data(error: &sage_data::Error) -> Kind<'_> {

@@ -2,8 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use advsage::Registries;
-use advsage::{ego::Ego, part::PolicyPart, references, weights::SHIPPED};
+use advsage::{Registries, ego::Ego, part::PolicyPart, references, weights::SHIPPED};
 use anyhow::Result;
 use pyo3::{
     prelude::*,
@@ -99,7 +98,7 @@ impl Driver {
         let planner = Arc::new(Planner::new(object)?);
         let policy = Arc::new(PlannerPolicy(Way::Call(planner.clone())));
         let references = detached(object.py(), || {
-            references::references(&references::default_names(), "", registries()?)
+            Ok(references::references(&references::default_names(), "", registries()?)?)
         })?;
         Ok(Self {
             label: planner.name.clone(),

@@ -74,7 +74,7 @@ impl DriveResult<'_> {
         let attack = self.attack.map(|attack| -> Result<_> {
             let path = AttackPath::of(attack.trajectory.clone());
             let planned = PlannedAttack::of(attack.ctx, path).after(attack.queries);
-            planned.row(attack.verdict, self.episode, attack.before)
+            Ok(planned.row(attack.verdict, self.episode, attack.before)?)
         });
         let described = Map::new();
         let head = RowHead {

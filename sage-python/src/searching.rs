@@ -45,7 +45,7 @@ impl Searcher {
         let simulated = SimScene::new(scene.scene.clone(), scene.index.clone())?;
         let DriverInScene { test, ctx } = DriverInScene::new(&simulated, |scene| {
             let test = AttackTest::new(&*self.driver.policy, scene, self.seed)?;
-            Ok(test.with_references(&self.driver.references))
+            Ok::<_, Error>(test.with_references(&self.driver.references))
         })?;
         let rule = &self.named.rule.objective;
         let found = self.named.plans.search(&test, &ctx, rule, &self.options, self.seed)?;

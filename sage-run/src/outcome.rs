@@ -7,6 +7,7 @@ use std::{
     process::ExitCode,
 };
 
+use advsage::as_cause;
 use anyhow::Result;
 use sage_core::{
     defect::{self, Defect},
@@ -108,13 +109,13 @@ pub fn may_succeed_later(error: &anyhow::Error) -> bool {
 
 /// True if an error is one of the system, which refused to read or write.
 pub fn is_refusal(error: &(dyn Error + 'static)) -> bool {
-    error.downcast_ref::<io::Error>().is_some_and(is_of_the_system)
+    as_cause::<io::Error>(error).is_some_and(is_of_the_system)
 }
 
 /// The same for an error of one scene, whose file was there when the scenes were listed.
 pub fn may_pass(error: &anyhow::Error) -> bool {
     let is_gone = |cause: &(dyn Error + 'static)| {
-        cause.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == ErrorKind::NotFound)
+        as_cause::<io::Error>(cause).is_some_and(|error| error.kind() == ErrorKind::NotFound)
     };
     may_succeed_later(error) || error.chain().any(is_gone)
 }

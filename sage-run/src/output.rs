@@ -16,7 +16,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use advsage::ego::Ego;
+use advsage::{as_cause, ego::Ego};
 use anyhow::{Context, Result, bail};
 use sage_core::files::{self, Existing, OutputLock};
 use sage_data::{ReadOptions, dataset::Shard};
@@ -246,7 +246,7 @@ pub fn protect_inputs(given: &[PathBuf], files: &[PathBuf], out: &Path, outputs:
 
 /// True if an error means that nothing more can be written, so the command must stop.
 pub fn is_disk_full(error: &anyhow::Error) -> bool {
-    let causes = error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>());
+    let causes = error.chain().filter_map(|cause| as_cause::<io::Error>(cause));
     causes.into_iter().any(files::is_disk_full)
 }
 

@@ -32,7 +32,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     let out = OutputFile::claim(&args.out, args.force)?;
     let rule = args.rule.feasibility.as_ref();
     let selections = args.selection.iter().map(|name| Selection::of(registries, name, rule));
-    let selections = selections.collect::<Result<Vec<_>>>()?;
+    let selections = selections.collect::<advsage::Result<Vec<_>>>()?;
     let names: HashSet<&str> = selections.iter().map(|selection| &selection.name[..]).collect();
     ensure!(names.len() == selections.len(), "a selection is named twice");
     let generators = Generators::new(registries, &args.merging.merger, &selections[0], args.seed)?;

@@ -120,7 +120,8 @@ impl<'a> Simulation<'a> {
                 "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
             }),
         };
-        identity["ego"] = drivers(self.args).iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
+        identity["ego"] =
+            drivers(self.args).iter().map(ego::identity).collect::<advsage::Result<Vec<_>>>()?.into();
         identity["adversary"] = json!(self.args.options.adversary);
         let reading = output::reading_identity(&self.args.reading.options());
         if !reading.is_null() {

@@ -4,7 +4,7 @@ use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
 use advsage::{
     attacked_files::{self, AttackedFiles, Facts},
-    latest_start,
+    is_contact_now, latest_start,
     prepared::Prepared,
     rows::{
         attack::{CandidateRow, ChosenScores, LeftOutRow, VariantRow, prevented},
@@ -52,15 +52,15 @@ pub(super) fn attack_scene(
     let recording =
         Recording::from_bytes_as(file, bytes, &plan.options.reading).map_err(|error| fail(error.into()))?;
     let writer = SceneWriter { plan, run, scene, source_hash: &source_hash };
-    writer.attack(recording).map_err(|error| match error.downcast_ref() {
-        Some(sage_core::Error::ContactNow { .. }) => {
+    writer.attack(recording).map_err(|error| match error.chain().any(is_contact_now) {
+        true => {
             let reason = format!("{error:#}");
             match writer.leave_out(&reason) {
                 Ok(lines) => Failure::LeftOut { reason, lines },
                 Err(error) => fail(error),
             }
         }
-        _ => fail(error),
+        false => fail(error),
     })
 }
 
@@ -123,7 +123,7 @@ impl SceneWriter<'_> {
         let index = SceneIndex::new(scene.map.clone());
         index.build_all();
         let seed = generator.spec.seed;
-        let drives = |scene: &_| Ok(plan.ego.test(scene, seed)?);
+        let drives = |scene: &_| plan.ego.test(scene, seed);
         let prepared = Prepared::new(scene, &index, &*plan.ego.policy, drives)?;
         let (test, ctx) = (&prepared.test, &prepared.ctx);
         let scene = ctx.scene().clone();

@@ -4,6 +4,7 @@ use std::{sync::Arc, time::Instant};
 
 use advsage::{
     attacked_files::{Attack, AttackedFiles, Scenarios},
+    is_contact_now,
     prepared::DriverInScene,
     rows::{
         contact::step,
@@ -57,11 +58,9 @@ pub(super) fn search_scene(
     let recording = Recording::from_bytes_as(&input.file, bytes, &searcher.args.reading.options())
         .map_err(|error| fail(error.into()))?;
     let one = OneScene { searcher, run, name: &input.scene, source_hash: &source_hash };
-    one.search(&recording).map_err(|error| match error.downcast_ref() {
-        Some(sage_core::Error::ContactNow { .. }) => {
-            Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() }
-        }
-        _ => fail(error),
+    one.search(&recording).map_err(|error| match error.chain().any(is_contact_now) {
+        true => Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() },
+        false => fail(error),
     })
 }
 
@@ -109,7 +108,10 @@ impl OneScene<'_> {
         let scene = Arc::new(recording.scene.clone().with_roles(None, args.attack.adversary.as_deref())?);
         let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
         let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
-        let drives = |scene: &_| searcher.ego.test(scene, args.attack.seed).with_context(failed);
+        let drives = |scene: &_| {
+            let test = searcher.ego.test(scene, args.attack.seed);
+            test.map_err(|error| advsage::Error::from(error).within(failed()))
+        };
         let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
         let rule = &searcher.rule().objective;
         let (pool, result) =

@@ -69,7 +69,7 @@ impl<'a> SceneAttacks<'a> {
     /// *Errors*: a scene that cannot be attacked; those of the generator.
     pub(super) fn planned(&self, test: Option<&AttackTest>) -> Result<Vec<PlannedDrive>> {
         let context =
-            || -> Result<Context> { prepared::drive(test.context("an attacked driver is tested")?) };
+            || -> Result<Context> { Ok(prepared::drive(test.context("an attacked driver is tested")?)?) };
         match self {
             Self::AsItIs(known) => {
                 let described = complete(known.clone());

@@ -3,7 +3,9 @@
 use std::{sync::Arc, time::Instant};
 
 use advsage::{
+    as_cause,
     ego::Ego,
+    is_contact_now,
     rows::drive::{AttackRow, DriveRow, RowHead},
 };
 use anyhow::{Context as _, Result};
@@ -56,12 +58,11 @@ pub(super) fn simulate_scene(
     let scene = recording.scene.with_roles(None, adversary.as_deref()).map_err(|error| fail(error.into()))?;
     let drives = SceneDrives { simulation, run, name: &input.scene, source_hash: &source_hash, attacks };
     let warnings = checks::important(&scene);
-    let report = drives.simulate(Arc::new(scene), clock).map_err(|error| match error.downcast_ref() {
-        Some(sage_core::Error::ContactNow { .. }) => {
-            Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() }
-        }
-        _ => fail(error),
-    })?;
+    let report =
+        drives.simulate(Arc::new(scene), clock).map_err(|error| match error.chain().any(is_contact_now) {
+            true => Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() },
+            false => fail(error),
+        })?;
     Ok(SceneReport { warnings, ..report })
 }
 
@@ -128,7 +129,8 @@ impl PlannerFailure {
     ///
     /// *Errors*: any other error.
     fn of(error: anyhow::Error) -> Result<Self> {
-        let Some(sage_sim::Error::Planner { drive, log, problem, .. }) = error.downcast_ref() else {
+        let Some(sage_sim::Error::Planner { drive, log, problem, .. }) = error.chain().find_map(as_cause)
+        else {
             return Err(error);
         };
         let drive = drive.clone().map(|mut drive| {

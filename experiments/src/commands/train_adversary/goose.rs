@@ -140,7 +140,7 @@ struct Tested<'e> {
 fn tests<'e>(list: &Scenes, train: &[SceneData], given: usize, ego: &'e Ego, seed: u64) -> Vec<Tested<'e>> {
     let one = |data: &SceneData| -> Result<DriverInScene<'e>> {
         let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
-        DriverInScene::of_test(AttackTest::new(&*ego.policy, &scene, seed)?)
+        Ok(DriverInScene::of_test(AttackTest::new(&*ego.policy, &scene, seed)?)?)
     };
     let all: Vec<Result<_>> = train.par_iter().with_max_len(1).map(|data| caught(|| one(data))).collect();
     let mut kept = Vec::new();

@@ -20,12 +20,11 @@ use crate::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, State},
     printing, progress,
-    scene_queue::{self, Input, Report, Scenes, Worked, is_row_of},
+    scene_queue::{self, Input, Report, Scenes, Worked, is_row_of, work_on},
 };
 
 pub use options::{DatasetFormat, GenerateOptions};
 
-use attack::attack_scene;
 use names::{INDEX, page_file, picture_file, row_file};
 use plan::Plan;
 use summary::Tally;
@@ -49,8 +48,7 @@ pub fn run(options: &GenerateOptions, part: Part, registries: &Registries) -> Re
         let report = Report::new(run.folder().path(), options.json, count, ["attacked", "attempt"]);
         if options.quiet { report.quiet() } else { report }
     };
-    let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
-    let worked = Worked::on(&scenes, part, &run, report, attack)?;
+    let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&plan, &run, input))?;
     let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
     let has_any = Counts::of(records).done > 0;
     match part {

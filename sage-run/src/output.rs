@@ -122,6 +122,15 @@ impl Folder {
             .with_context(|| format!("cannot write `{}`", path.display()))
     }
 
+    /// Writes several files of the folder, one after the other.
+    ///
+    /// *Errors*: as [`Folder::write`], with the file.
+    pub fn write_all(&self, all: &[(String, Vec<u8>)]) -> Result<()> {
+        let all = all.iter().map(|(name, bytes)| (&name[..], &bytes[..]));
+        files::write_all(&self.path, all)
+            .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
+    }
+
     /// Removes a file or a folder of the folder, if it is there. A link is removed, never followed.
     ///
     /// *Errors*: a folder of the name is a link; a system error.

@@ -1,6 +1,7 @@
 //! A queue of scene files that are worked on in parallel. Each scene has rows of its own on the disk, so an
 //! interrupted run resumes, and a scene that fails does not stop the others.
 
+mod job;
 mod report;
 
 use std::{
@@ -25,6 +26,7 @@ use crate::{
     progress, terminal,
 };
 
+pub use job::{FoundRow, SceneFile, SceneJob, work_on};
 pub use report::{Line, Report, SceneReport};
 
 /// A scene file with the name of its outputs.

@@ -17,11 +17,11 @@ use sage_run::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part},
     progress,
-    scene_queue::{self, Input, Report, Scenes, Worked, is_row_of},
+    scene_queue::{self, Input, Report, Scenes, Worked, is_row_of, work_on},
 };
 
 use crate::cli::{Keep, SearchArgs};
-use scene::{picture_file, search_scene};
+use scene::picture_file;
 use searcher::Searcher;
 use summary::Summary;
 
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Res
     let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
     output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&searcher.ego))?;
     let report = |count| Report::new(run.folder().path(), args.json, count, ["searched", "scene"]);
-    let worked = Worked::on(&scenes, part, &run, report, |input| search_scene(&searcher, &run, input))?;
+    let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&searcher, &run, input))?;
     let (records, shown) = (&worked.records, scenes.reported_by(part));
     let rows = shown.into_iter().filter_map(|input| done(run.folder().path(), run.hash(), input));
     let summary = Summary::of(rows, args.require);

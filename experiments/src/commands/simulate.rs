@@ -21,13 +21,13 @@ use sage_run::{
     Outcome, networks,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
     progress,
-    scene_queue::{self, Input, Report, Scenes, Worked},
+    scene_queue::{self, Input, Report, Scenes, Worked, work_on},
 };
 use serde_json::{Value, json};
 
 use crate::cli::SimulateArgs;
 use attack_file::AttackFile;
-use scene::{page_file, simulate_scene};
+use scene::page_file;
 
 /// What attacks the drivers.
 enum Attacked {
@@ -188,7 +188,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
     let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
     output::keep_planner_logs(run.folder(), part, &simulation.egos)?;
     let report = |count| Report::new(run.folder().path(), args.json, count, ["driven", "drive"]);
-    let worked = Worked::on(&scenes, part, &run, report, |input| simulate_scene(&simulation, &run, input))?;
+    let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&simulation, &run, input))?;
     let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
     match part {
         Part::Shard(shard) => run.finish_shard(shard, records)?,

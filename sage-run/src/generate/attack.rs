@@ -4,21 +4,20 @@ use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
 use advsage::{
     attacked_files::{self, AttackedFiles, Facts},
-    is_contact_now, latest_start,
+    latest_start,
     prepared::Prepared,
     rows::{
         attack::{CandidateRow, ChosenScores, LeftOutRow, VariantRow, prevented},
         found_attack::FoundRow,
     },
 };
-use anyhow::{Context as _, Result, anyhow};
+use anyhow::Result;
 use sage_core::{
-    files,
     generator::Note,
     objective::{Context, Scorer, Scores},
     scene::SceneIndex,
 };
-use sage_data::{Recording, checks};
+use sage_data::{ReadOptions, Recording, checks};
 use sage_sim::avoidable::Avoidance;
 use serde_json::{Map, Value};
 
@@ -31,77 +30,35 @@ use super::{
 };
 use crate::{
     output::{self, DatasetRun},
-    scene_queue::{Failure, Line, SceneReport},
+    scene_queue::{self, Line, SceneFile, SceneJob, SceneReport},
 };
 
-/// Attacks a scene at all operating points and writes its files, unless they exist.
-///
-/// *Errors*: [`Failure`].
-pub(super) fn attack_scene(
-    plan: &Plan,
-    run: &DatasetRun,
-    file: &Path,
-    scene: &str,
-) -> Result<SceneReport, Failure> {
-    let fail = |error: anyhow::Error| Failure::Scene(error);
-    let bytes = sage_data::read_bytes(file).map_err(|error| fail(error.into()))?;
-    let source_hash = plan.options.reading.source_hash(&bytes)[..16].to_owned();
-    if let Some(found) = finished(plan, run, file, scene, &source_hash).map_err(fail)? {
-        return Ok(found);
+impl SceneJob for Plan<'_> {
+    fn reading(&self) -> ReadOptions {
+        self.options.reading.clone()
     }
-    let recording =
-        Recording::from_bytes_as(file, bytes, &plan.options.reading).map_err(|error| fail(error.into()))?;
-    let writer = SceneWriter { plan, run, scene, source_hash: &source_hash };
-    writer.attack(recording).map_err(|error| match error.chain().any(is_contact_now) {
-        true => {
-            let reason = format!("{error:#}");
-            match writer.leave_out(&reason) {
-                Ok(lines) => Failure::LeftOut { reason, lines },
-                Err(error) => fail(error),
-            }
-        }
-        false => fail(error),
-    })
-}
 
-/// The lines of a scene whose files all exist; `None` if any is missing.
-///
-/// *Errors*: the rows are of another input file with the same name.
-fn finished(
-    plan: &Plan,
-    run: &DatasetRun,
-    file: &Path,
-    scene: &str,
-    source_hash: &str,
-) -> Result<Option<SceneReport>> {
-    let folder = run.folder().path();
-    // No scene file is empty.
-    let exists =
-        |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
-    let mut lines = Vec::with_capacity(plan.variants().len());
-    let mut files = Vec::new();
-    for variant in plan.variants() {
-        let name = row_file(scene, variant);
-        let path = folder.join(&name);
-        // A row of another run remains after --force with fewer scenes or shards.
-        let Some(row) = FoundRow::read(&path).filter(|row| row.run_hash == run.hash()) else {
-            return Ok(None);
-        };
-        if row.source_hash != source_hash {
-            return Err(anyhow!(
-                "`{}` was generated from another `{}`; remove it to do the scene again, or name another --out",
-                path.display(),
-                file.display()
-            ));
-        }
-        if !row.files.iter().all(exists) {
-            return Ok(None);
-        }
-        lines.push(Line { text: row.line(), row: name, seconds: None });
-        files.extend(row.files);
+    fn rows(&self, scene: &str) -> Vec<String> {
+        self.variants().iter().map(|variant| row_file(scene, variant)).collect()
     }
-    let has_pages = || exists(&picture_file(scene)) && exists(&page_file(scene));
-    Ok((plan.options.no_pages || has_pages()).then(|| SceneReport::found(lines, files)))
+
+    fn found(&self, _number: usize, path: &Path) -> Option<scene_queue::FoundRow> {
+        let row = FoundRow::read(path)?;
+        Some(scene_queue::FoundRow { line: row.line(), source_hash: row.source_hash, files: row.files })
+    }
+
+    fn pages(&self, scene: &str) -> Vec<String> {
+        if self.options.no_pages { Vec::new() } else { vec![picture_file(scene), page_file(scene)] }
+    }
+
+    fn work(&self, run: &DatasetRun, scene: &SceneFile, recording: Recording) -> Result<SceneReport> {
+        SceneWriter::new(self, run, scene).attack(recording)
+    }
+
+    /// Rows that say why, so that the run is complete without the scene.
+    fn leave_out(&self, run: &DatasetRun, scene: &SceneFile, reason: &str) -> Result<Vec<Line>> {
+        SceneWriter::new(self, run, scene).leave_out(reason)
+    }
 }
 
 /// Writes the attacks of one scene.
@@ -112,7 +69,11 @@ struct SceneWriter<'w> {
     source_hash: &'w str,
 }
 
-impl SceneWriter<'_> {
+impl<'w> SceneWriter<'w> {
+    fn new(plan: &'w Plan<'w>, run: &'w DatasetRun, scene: &'w SceneFile) -> Self {
+        Self { plan, run, scene: &scene.input.scene, source_hash: &scene.hash }
+    }
+
     fn attack(&self, recording: Recording) -> Result<SceneReport> {
         let plan = self.plan;
         let generator = &plan.generator;
@@ -168,20 +129,19 @@ impl SceneWriter<'_> {
                 row: row_file(self.scene, variant),
                 seconds: Some(seconds),
             });
-            let mut all: Vec<(&str, &[u8])> =
-                scene_files.iter().map(|(name, bytes)| (&name[..], &bytes[..])).collect();
             // The row is written last, because its presence means that its scene files are complete.
-            let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
-            all.push((&name, &bytes));
-            self.write(&all)?;
-            written_files.extend(scene_files.into_iter().map(|(name, _)| name));
+            let of_row = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
+            written_files.extend(row.files.clone());
+            drop(row);
+            scene_files.push(of_row);
+            self.run.folder().write_all(&scene_files)?;
         }
         if !plan.options.no_pages {
             let shown = SceneView { plan, name: self.scene, ctx, measured: &measured };
             let (picture, page) = (shown.picture(), shown.page(&scored)?);
-            self.write(&[
-                (&picture_file(self.scene), picture.as_bytes()),
-                (&page_file(self.scene), page.as_bytes()),
+            self.run.folder().write_all(&[
+                (picture_file(self.scene), picture.into_bytes()),
+                (page_file(self.scene), page.into_bytes()),
             ])?;
         }
         Ok(SceneReport {
@@ -193,7 +153,6 @@ impl SceneWriter<'_> {
         })
     }
 
-    /// Writes rows that say why the scene is left out, so that the run is complete without it.
     fn leave_out(&self, reason: &str) -> Result<Vec<Line>> {
         let mut lines = Vec::new();
         for variant in self.plan.variants() {
@@ -206,7 +165,7 @@ impl SceneWriter<'_> {
                 left_out: reason,
             };
             let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
-            self.write(&[(&name, &bytes)])?;
+            self.run.folder().write(&name, &bytes)?;
             lines.push(Line { text: row.line(), row: name, seconds: None });
         }
         Ok(lines)
@@ -258,11 +217,5 @@ impl SceneWriter<'_> {
             scores: ChosenScores { scores, avoidable, references, r157_avoids: prevented(references) },
             candidates,
         }
-    }
-
-    fn write(&self, all: &[(&str, &[u8])]) -> Result<()> {
-        let written = files::write_all(self.run.folder().path(), all.iter().copied());
-        written
-            .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
     }
 }

@@ -1,10 +1,9 @@
 //! Searches one scene and writes its files.
 
-use std::{sync::Arc, time::Instant};
+use std::{path::Path, sync::Arc, time::Instant};
 
 use advsage::{
     attacked_files::{Attack, AttackedFiles, Scenarios},
-    is_contact_now,
     prepared::DriverInScene,
     rows::{
         contact::step,
@@ -15,15 +14,12 @@ use advsage::{
         },
     },
 };
-use anyhow::{Context as _, Result, anyhow};
-use sage_core::{
-    files,
-    scene::{Scene, SceneIndex},
-};
-use sage_data::{Recording, checks};
+use anyhow::{Result, anyhow};
+use sage_core::scene::{Scene, SceneIndex};
+use sage_data::{ReadOptions, Recording, checks};
 use sage_run::{
     output::{self, DatasetRun},
-    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
+    scene_queue::{FoundRow, Line, SceneFile, SceneJob, SceneReport},
 };
 use sage_sim::{
     SimScene,
@@ -41,52 +37,24 @@ pub(super) fn picture_file(scene: &str) -> String {
     format!("{scene}.svg")
 }
 
-/// Searches a scene and writes its files, unless they exist.
-///
-/// *Errors*: [`Failure`].
-pub(super) fn search_scene(
-    searcher: &Searcher,
-    run: &DatasetRun,
-    input: &Input,
-) -> Result<SceneReport, Failure> {
-    let fail = |error: anyhow::Error| Failure::Scene(error);
-    let bytes = sage_data::read_bytes(&input.file).map_err(|error| fail(error.into()))?;
-    let source_hash = searcher.args.reading.options().source_hash(&bytes)[..16].to_owned();
-    if let Some(found) = finished(run, input, &source_hash).map_err(fail)? {
-        return Ok(found);
+impl SceneJob for Searcher<'_> {
+    fn reading(&self) -> ReadOptions {
+        self.args.reading.options()
     }
-    let recording = Recording::from_bytes_as(&input.file, bytes, &searcher.args.reading.options())
-        .map_err(|error| fail(error.into()))?;
-    let one = OneScene { searcher, run, name: &input.scene, source_hash: &source_hash };
-    one.search(&recording).map_err(|error| match error.chain().any(is_contact_now) {
-        true => Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() },
-        false => fail(error),
-    })
-}
 
-/// The line of a scene whose files all exist; `None` if any is missing.
-///
-/// *Errors*: the row is of another input file with the same name.
-fn finished(run: &DatasetRun, input: &Input, source_hash: &str) -> Result<Option<SceneReport>> {
-    let folder = run.folder().path();
-    let file = row_file(&input.scene);
-    let path = folder.join(&file);
-    if !is_row_of(&path, run.hash()) {
-        return Ok(None);
+    fn rows(&self, scene: &str) -> Vec<String> {
+        vec![row_file(scene)]
     }
-    let Some(row) = SceneRow::read(&path) else { return Ok(None) };
-    if row.head.source_hash != source_hash {
-        return Err(anyhow!(
-            "`{}` is of another `{}`; remove it to do the scene again, or name another --out",
-            path.display(),
-            input.file.display()
-        ));
+
+    fn found(&self, _number: usize, path: &Path) -> Option<FoundRow> {
+        let row = SceneRow::read(path)?;
+        Some(FoundRow { line: row.line(None), source_hash: row.head.source_hash, files: row.files })
     }
-    let exists =
-        |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
-    let line = Line { text: row.line(None), row: file, seconds: None };
-    let is_whole = row.files.iter().all(exists);
-    Ok(is_whole.then(|| SceneReport::found(vec![line], row.files)))
+
+    fn work(&self, run: &DatasetRun, scene: &SceneFile, recording: Recording) -> Result<SceneReport> {
+        let one = OneScene { searcher: self, run, name: &scene.input.scene, source_hash: &scene.hash };
+        one.search(&recording)
+    }
 }
 
 /// Searches one scene.
@@ -149,7 +117,7 @@ impl OneScene<'_> {
         row.files.dedup();
         // The row is written last, because its presence means that the other files are complete.
         written.push((row_file(self.name), serde_json::to_vec(&row)?));
-        self.write(&written)?;
+        self.run.folder().write_all(&written)?;
         let seconds = clock.elapsed().as_secs_f64();
         let line = Line { text: row.line(Some(seconds)), row: row_file(self.name), seconds: Some(seconds) };
         Ok(SceneReport {
@@ -176,7 +144,7 @@ impl OneScene<'_> {
             let variant = failure_name(k + 1);
             let from = (files, scenarios.as_ref());
             let written = self.one_failure(from, scene, head, pool, result, (failure, &variant))?;
-            self.write(&written)?;
+            self.run.folder().write_all(&written)?;
             names.extend(written.into_iter().map(|(name, _)| name));
         }
         Ok(names)
@@ -249,11 +217,5 @@ impl OneScene<'_> {
             }
         };
         DrivesFile { head, drives: result.driven.iter().map(row).collect() }
-    }
-
-    fn write(&self, all: &[(String, Vec<u8>)]) -> Result<()> {
-        let all = all.iter().map(|(name, bytes)| (&name[..], &bytes[..]));
-        files::write_all(self.run.folder().path(), all)
-            .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
     }
 }

@@ -6,7 +6,6 @@ use advsage::{
 use anyhow::{Context as _, Result};
 use sage_core::{motion::Trajectory, objective::Context};
 use sage_data::Recording;
-use sage_run::scene_queue::Failure;
 use sage_sim::attack_test::{AttackPath, AttackTest};
 use serde_json::{Map, Value};
 
@@ -43,16 +42,13 @@ impl<'a> SceneAttacks<'a> {
         scene_name: &str,
         source_hash: &str,
         wanted: Option<&str>,
-    ) -> Result<(Self, Option<String>), Failure> {
-        let fail = |error: anyhow::Error| Failure::Scene(error);
+    ) -> Result<(Self, Option<String>)> {
         let wanted_id = || wanted.map(str::to_owned);
         Ok(match attacked {
-            Attacked::AsItIs => {
-                (Self::AsItIs(attack_file::provenance(recording).map_err(fail)?), wanted_id())
-            }
+            Attacked::AsItIs => (Self::AsItIs(attack_file::provenance(recording)?), wanted_id()),
             Attacked::FromFile(file) => {
                 let attack = file.attack(&recording.scene, scene_name, source_hash, wanted);
-                let (adversary, trajectory) = attack.map_err(fail)?;
+                let (adversary, trajectory) = attack?;
                 (Self::Given(trajectory, file.described().clone()), Some(adversary))
             }
             Attacked::Generated(generator) => (Self::Generated(generator), wanted_id()),

@@ -1,22 +1,18 @@
 //! Drives one scene with all policies and attacks, and writes its files.
 
-use std::{sync::Arc, time::Instant};
+use std::{path::Path, sync::Arc, time::Instant};
 
 use advsage::{
     as_cause,
     ego::Ego,
-    is_contact_now,
     rows::drive::{AttackRow, DriveRow, RowHead},
 };
 use anyhow::{Context as _, Result};
-use sage_core::{
-    files,
-    scene::{Scene, SceneIndex, Track},
-};
-use sage_data::{Recording, checks};
+use sage_core::scene::{Scene, SceneIndex, Track};
+use sage_data::{ReadOptions, Recording, checks};
 use sage_run::{
     output::DatasetRun,
-    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
+    scene_queue::{FoundRow, Line, SceneFile, SceneJob, SceneReport},
 };
 use sage_sim::{
     SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, policy::Shown, traffic::Plan,
@@ -35,68 +31,36 @@ pub(super) fn page_file(scene: &str) -> String {
     format!("{scene}.html")
 }
 
-/// Drives a scene and writes its rows and its page, unless they exist.
-///
-/// *Errors*: [`Failure`].
-pub(super) fn simulate_scene(
-    simulation: &Simulation,
-    run: &DatasetRun,
-    input: &Input,
-) -> Result<SceneReport, Failure> {
-    let fail = |error: anyhow::Error| Failure::Scene(error);
-    let bytes = sage_data::read_bytes(&input.file).map_err(|error| fail(error.into()))?;
-    let source_hash = simulation.args.reading.options().source_hash(&bytes)[..16].to_owned();
-    if let Some(found) = finished(simulation, run, input, &source_hash).map_err(fail)? {
-        return Ok(found);
+impl SceneJob for Simulation<'_> {
+    fn reading(&self) -> ReadOptions {
+        self.args.reading.options()
     }
-    let recording = Recording::from_bytes_as(&input.file, bytes, &simulation.args.reading.options())
-        .map_err(|error| fail(error.into()))?;
-    let wanted = simulation.args.options.adversary.as_deref();
-    let (attacks, adversary) =
-        SceneAttacks::of(&simulation.attacked, &recording, &input.scene, &source_hash, wanted)?;
-    let clock = Instant::now();
-    let scene = recording.scene.with_roles(None, adversary.as_deref()).map_err(|error| fail(error.into()))?;
-    let drives = SceneDrives { simulation, run, name: &input.scene, source_hash: &source_hash, attacks };
-    let warnings = checks::important(&scene);
-    let report =
-        drives.simulate(Arc::new(scene), clock).map_err(|error| match error.chain().any(is_contact_now) {
-            true => Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() },
-            false => fail(error),
-        })?;
-    Ok(SceneReport { warnings, ..report })
-}
 
-/// The lines of a scene whose files all exist; `None` if any is missing.
-///
-/// *Errors*: the rows are of another input file with the same name.
-fn finished(
-    simulation: &Simulation,
-    run: &DatasetRun,
-    input: &Input,
-    source_hash: &str,
-) -> Result<Option<SceneReport>> {
-    let folder = run.folder().path();
-    let mut lines = Vec::new();
-    for (_, variant, file) in simulation.files(&input.scene) {
-        let path = folder.join(&file);
-        if !is_row_of(&path, run.hash()) {
-            return Ok(None);
-        }
-        let Some(row) = DriveRow::read(&path) else { return Ok(None) };
-        anyhow::ensure!(
-            row.source_hash == source_hash,
-            "`{}` is of another `{}`; remove it to do the scene again, or name another --out",
-            path.display(),
-            input.file.display()
-        );
-        lines.push(Line {
-            text: format!("{} (finished before)", row.line(variant)),
-            row: file,
-            seconds: None,
-        });
+    fn rows(&self, scene: &str) -> Vec<String> {
+        self.files(scene).map(|(_, _, file)| file).collect()
     }
-    let page = std::fs::metadata(folder.join(page_file(&input.scene)));
-    Ok(page.is_ok_and(|page| page.is_file() && page.len() > 0).then(|| SceneReport::found(lines, Vec::new())))
+
+    fn found(&self, number: usize, path: &Path) -> Option<FoundRow> {
+        let row = DriveRow::read(path)?;
+        let variants = self.variants();
+        let line = format!("{} (finished before)", row.line(&variants[number % variants.len()]));
+        Some(FoundRow { line, source_hash: row.source_hash, files: Vec::new() })
+    }
+
+    fn pages(&self, scene: &str) -> Vec<String> {
+        vec![page_file(scene)]
+    }
+
+    fn work(&self, run: &DatasetRun, scene: &SceneFile, recording: Recording) -> Result<SceneReport> {
+        let name = &scene.input.scene;
+        let wanted = self.args.options.adversary.as_deref();
+        let (attacks, adversary) = SceneAttacks::of(&self.attacked, &recording, name, &scene.hash, wanted)?;
+        let clock = Instant::now();
+        let driven = recording.scene.with_roles(None, adversary.as_deref())?;
+        let drives = SceneDrives { simulation: self, run, name, source_hash: &scene.hash, attacks };
+        let warnings = checks::important(&driven);
+        Ok(SceneReport { warnings, ..drives.simulate(Arc::new(driven), clock)? })
+    }
 }
 
 /// One drive with its row, or one whose planner failed.
@@ -312,13 +276,7 @@ impl SceneDrives<'_> {
                 DriveResult::Failed(failure) => failures.push(failure.message.clone()),
             }
         }
-        let written = files::write_all(
-            self.run.folder().path(),
-            all.iter().map(|(name, bytes)| (&name[..], &bytes[..])),
-        );
-        written.or_else(|(path, error)| {
-            Err(error).with_context(|| format!("cannot write `{}`", path.display()))
-        })?;
+        self.run.folder().write_all(&all)?;
         Ok(SceneReport { lines, files: Vec::new(), seconds: Some(seconds), warnings: Vec::new(), failures })
     }
 }

@@ -45,7 +45,7 @@ impl DriverSearch {
         scene.scene().attackable_horizon()?;
         let test = AttackTest::new(policy, scene, seed)?;
         let ctx = test.context()?;
-        let attack = self.generator.attack_between(&ctx, at, seed)?;
+        let attack = self.generator.attack_at(&ctx, at, seed)?;
         if attack.reaction.is_some() {
             // What it does is known only when it is driven; that is then its plan.
             return Ok(test.path_of(&attack)?.trajectory);

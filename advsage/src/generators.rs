@@ -165,28 +165,6 @@ impl BuiltGenerator {
         }
     }
 
-    /// The attack at one of the operating points, by its number, on the ego's recording.
-    ///
-    /// *Errors*: as [`BuiltGenerator::attacks`].
-    pub fn attack(&self, ctx: &Context, number: usize, seed: u64) -> Result<Option<Attack>, Error> {
-        let point = std::slice::from_ref(&self.points[number]);
-        Ok(driven_by_recording(self.generator.attacks(ctx, point, seed)?, ctx, seed)?.into_iter().next())
-    }
-
-    /// The plan of the attack at one of the operating points, by its number, against a drive of the ego; without a drive against its
-    /// recording. A contact at *now* is no error, as in the published evaluation.
-    ///
-    /// *Errors*: those of the generator.
-    pub fn plan_at(
-        &self,
-        number: usize,
-        scene: &SimScene,
-        drive: Option<&Drive>,
-        seed: u64,
-    ) -> Result<Arc<Plan>, sage_sim::Error> {
-        plan_of_generator(&*self.generator.0, &self.points[number], scene, drive, seed)
-    }
-
     /// Its name and options.
     pub fn label(&self) -> &str {
         &self.label
@@ -200,10 +178,10 @@ impl BuiltGenerator {
         checked.map(drop).map_err(|error| error.within(format!("generator `{}`", self.label)))
     }
 
-    /// The attack at an operating point between two experts, with all candidates.
+    /// The attack on a drive at an operating point, as [`Attacker::plan`] plans it, with all candidates.
     ///
     /// *Errors*: the scene cannot be attacked; the merger refuses the λ.
-    pub fn attack_between(
+    pub(crate) fn attack_at(
         &self,
         ctx: &Context,
         at: &OperatingPoint,
@@ -229,18 +207,19 @@ impl BuiltGenerator {
         self.among_experts(at).map_err(|error| self.wrong_in(scene, &in_one_line(&error)))
     }
 
-    /// An operating point between two experts, among all experts of the set.
+    /// An operating point between two experts, among all experts of the set; one of its own points as it is.
     ///
     /// *Errors*: the merger refuses the λ.
     fn among_experts(&self, at: &OperatingPoint) -> Result<OperatingPoint> {
-        let Some(lambda) = at.mixture.lambda().filter(|_| self.facts.uses_operating_point()) else {
-            return Ok(at.clone());
-        };
+        let is_between = self.facts.uses_operating_point() && !self.points.contains(at);
+        let Some(lambda) = at.mixture.lambda().filter(|_| is_between) else { return Ok(at.clone()) };
         OperatingPointSpec::at(lambda, Some(at.mu), self.range)?.point(self.experts.as_ref())
     }
 }
 
 impl Attacker for BuiltGenerator {
+    /// The plan at an operating point: one of its own, or a λ between two experts. A contact at *now* is no error, as in the published
+    /// evaluation.
     fn plan(
         &self,
         scene: &SimScene,
@@ -249,7 +228,6 @@ impl Attacker for BuiltGenerator {
         seed: u64,
     ) -> Result<Arc<Plan>, sage_sim::Error> {
         let point = self.point_in(scene.scene(), at)?;
-        // A contact at now counts here, as in the published evaluation.
         plan_of_generator(&*self.generator.0, &point, scene, drive, seed)
     }
 }

@@ -122,7 +122,7 @@ pub struct Study {
 }
 
 /// A path of the ego that attacks on a driver are planned against.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlannedAgainst {
     /// The driver's drive in the unchanged scene, as in the paper's text.

@@ -1,14 +1,11 @@
 //! Generators against the recorded ego or against drivers: the selected trajectories, and what drivers do.
 
 mod metrics;
+mod slots;
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
 
-use advsage::{
-    ego::Ego,
-    generators::{Against, BuiltGenerator},
-    latest_start, prepared,
-};
+use advsage::{ego::Ego, generators::Against, latest_start, prepared};
 use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
@@ -27,6 +24,7 @@ use sage_sim::{
 
 pub use metrics::{Choice, MeasuredPlan};
 use metrics::{OF_PLAN, PlanAndDrive, attacked_metrics, plan_metrics};
+use slots::{OfAttack, Slot, Source};
 
 use super::{
     ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell,
@@ -39,9 +37,6 @@ use crate::{
     study::{PlannedAgainst, Study},
 };
 
-/// Arm of attacks on the recording.
-pub const RECORDING: &str = "recording";
-
 /// What all attacks on one ego share that are measured with one prior.
 struct Prepared<'a> {
     ctx: Arc<Context>,
@@ -53,12 +48,29 @@ struct Prepared<'a> {
     samples: Option<EgoSamples>,
 }
 
+/// Which subjects a study measures.
+struct Measures {
+    drive: bool,
+    trajectory: bool,
+    attacked_drive: bool,
+}
+
+/// Metrics that need a search for evasive manoeuvres.
+struct Searches {
+    of_plans: bool,
+    of_attacked_drives: bool,
+}
+
 /// Generators and drivers of a study.
 pub struct Attacks {
     /// Drivers; empty for the recording.
     egos: Vec<Ego>,
     groups: Vec<Group>,
+    /// What is measured, in the order of the keys.
+    slots: Vec<Slot>,
     keys: Vec<Key>,
+    /// Number of the key of each slot.
+    numbers: HashMap<Slot, usize>,
     drives: Vec<Metric<UnattackedDrive>>,
     attacked: Vec<Metric<PlanAndDrive>>,
     plans: Vec<Metric<MeasuredPlan>>,
@@ -67,11 +79,11 @@ pub struct Attacks {
     objective: Objective,
     /// Search for evasive manoeuvres from the ego's path and in attacked drives.
     search: AvoidanceOptions,
-    searches: [bool; 2],
+    searches: Searches,
     targets: Vec<f64>,
     /// Paths that attacks on drivers are planned against.
     planned_against: Vec<PlannedAgainst>,
-    measure: [bool; 3],
+    measures: Measures,
     seed: u64,
 }
 
@@ -118,16 +130,24 @@ impl Attacks {
                 .extend(missing.into_iter().filter(|name| !listed(Subject::AttackedDrive).contains(name)));
         }
         let attacked = attacked_metrics(registries, &attack_names)?.chosen(&attack_names)?;
-        let measure =
-            [Subject::Drive, Subject::Trajectory, Subject::AttackedDrive].map(|s| study.measures(s));
+        let measures = Measures {
+            drive: study.measures(Subject::Drive),
+            trajectory: study.measures(Subject::Trajectory),
+            attacked_drive: study.measures(Subject::AttackedDrive),
+        };
         let is_costly = |infos: &[MetricInfo]| infos.iter().any(|info| info.is_costly);
-        let searches = [is_costly(&infos(&plans)), is_costly(&infos(&attacked))];
+        let searches = Searches {
+            of_plans: is_costly(&infos(&plans)),
+            of_attacked_drives: is_costly(&infos(&attacked)),
+        };
         let mut all = Self {
             egos,
             groups,
+            slots: Vec::new(),
             keys: Vec::new(),
+            numbers: HashMap::new(),
             drives,
-            attacked: if measure[2] { attacked } else { Vec::new() },
+            attacked: if measures.attacked_drive { attacked } else { Vec::new() },
             plans,
             further,
             objective,
@@ -138,84 +158,35 @@ impl Attacks {
                 [] => vec![PlannedAgainst::Drive],
                 given => given.to_vec(),
             },
-            measure,
+            measures,
             seed: study.seed,
         };
-        all.keys = all.make_keys();
+        all.slots = all.make_slots();
+        all.keys = all.slots.iter().map(|slot| all.key(slot)).collect();
+        all.numbers = all.slots.iter().enumerate().map(|(k, slot)| (*slot, k)).collect();
         Ok(all)
     }
 
-    /// Keys ego by ego: the unchanged drive, then for each group, generator, point and target the trajectory and the
-    /// attacked drive.
-    fn make_keys(&self) -> Vec<Key> {
-        let [drive, trajectory, attacked] = self.measure;
-        let mut keys = Vec::new();
-        for k in 0..self.egos.len().max(1) {
-            let ego = self.egos.get(k);
-            let knows = ego.map(|ego| ego.policy.knows().to_string()).unwrap_or_default();
-            if let Some(ego) = ego.filter(|_| drive) {
-                keys.push(Key { knows: knows.clone(), ..Key::new(Subject::Drive, &*ego.label, self.seed) });
-            }
-            for group in &self.groups {
-                let labels = [ego.map(|ego| ego.label.clone()), Some(group.arm.clone())];
-                let labels: Vec<String> =
-                    labels.into_iter().flatten().filter(|label| !label.is_empty()).collect();
-                let arm = if labels.is_empty() { RECORDING.to_owned() } else { labels.join(", ") };
-                let rows =
-                    group.built.iter().flat_map(|built| built.keys.iter().map(move |row| (built, row)));
-                let rows: Vec<_> = rows.collect();
-                let all = self.paths(ego).flat_map(|path| rows.iter().map(move |row| (path, row)));
-                for (path, (built, row)) in all {
-                    let made_against = match (path, self.planned_against.len()) {
-                        (_, 1) | (None, _) => "",
-                        (Some(PlannedAgainst::Drive), _) => "its drive",
-                        (Some(PlannedAgainst::Log), _) => "the log",
-                    };
-                    let key = |subject, target, knows: &str| Key {
-                        made_against: made_against.to_owned(),
-                        training_seed: group.training_seed,
-                        attack: row.part().to_string(),
-                        point: row.point.clone(),
-                        target,
-                        knows: knows.to_owned(),
-                        ..Key::new(subject, &*arm, self.seed)
-                    };
-                    let of_generator = built.facts.knows.beyond_now();
-                    if trajectory && self.targets.is_empty() {
-                        keys.push(key(Subject::Trajectory, None, &of_generator));
-                    }
-                    for target in &self.targets {
-                        keys.push(key(Subject::Trajectory, Some(*target), &of_generator));
-                    }
-                    if attacked && ego.is_some() {
-                        keys.push(key(Subject::AttackedDrive, None, &knows));
-                    }
-                }
-            }
-        }
-        keys
-    }
-
     /// The paths that attacks on an ego are planned against; one without a name for the recorded ego.
-    fn paths(&self, ego: Option<&Ego>) -> impl Iterator<Item = Option<PlannedAgainst>> {
-        let paths = match ego {
-            Some(_) => self.planned_against.iter().copied().map(Some).collect(),
-            None => vec![None],
-        };
+    fn paths(&self, is_driver: bool) -> impl Iterator<Item = Option<PlannedAgainst>> + use<> {
+        let of_driver = || self.planned_against.iter().copied().map(Some).collect();
+        let paths = if is_driver { of_driver() } else { vec![None] };
         paths.into_iter()
     }
 
-    /// Cells of one ego from the number of its first key on; returns the number after its last key.
+    /// Numbers of the keys of some slots.
+    fn keys_of<'s>(&'s self, is_of: impl Fn(&Slot) -> bool + 's) -> impl Iterator<Item = usize> + 's {
+        self.slots.iter().enumerate().filter(move |(_, slot)| is_of(slot)).map(|(key, _)| key)
+    }
+
+    /// Cells of one ego, by its number; the recorded one without a driver.
     fn of_ego(
         &self,
         data: &SceneData,
+        number: usize,
         driver: Option<(&Ego, &Result<Arc<SimScene>, sage_sim::Error>)>,
-        first: usize,
         result: &mut SceneResult,
-    ) -> usize {
-        let mut key = first;
-        let [drive, ..] = self.measure;
-        let ego = driver.map(|(ego, _)| ego);
+    ) {
         let test = driver.map(|(ego, simulated)| -> Result<(AttackTest<'_>, SceneData)> {
             let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
             let test = AttackTest::new(&*ego.policy, simulated, self.seed)?;
@@ -226,99 +197,76 @@ impl Attacks {
         let test = match test.transpose() {
             Ok(test) => test,
             Err(error) => {
-                let end = first + self.keys_of_ego(ego);
-                result.cells.extend((first..end).map(|key| Cell::failed(key, format!("{error:#}"))));
-                return end;
+                let keys = self.keys_of(|slot| slot.ego() == number);
+                result.cells.extend(keys.map(|key| Cell::failed(key, format!("{error:#}"))));
+                return;
             }
         };
-        if let Some((test, _)) = test.as_ref().filter(|_| drive) {
-            result.cells.push(cell(key, &self.drives, &test.unattacked_drive()));
-            key += 1;
+        if let (Some((test, _)), Some(key)) = (&test, self.numbers.get(&Slot::Drive { ego: number })) {
+            result.cells.push(cell(*key, &self.drives, &test.unattacked_drive()));
         }
         // Without an adversary there is nothing to attack with.
-        let attacks = data.scene.adversary.is_some();
-        let mut prepared: Vec<_> = self.paths(ego).map(|path| (path, ByPrior(Vec::new()))).collect();
-        for group in &self.groups {
+        if data.scene.adversary.is_none() {
+            return;
+        }
+        let paths = self.paths(driver.is_some());
+        let mut prepared: Vec<_> = paths.map(|path| (path, ByPrior(Vec::new()))).collect();
+        for (k, group) in self.groups.iter().enumerate() {
             for (path, prepared) in &mut prepared {
-                let end =
-                    key + group.built.iter().map(|built| self.keys_of(built, ego.is_some())).sum::<usize>();
-                if attacks {
-                    let may_query = !matches!(path, Some(PlannedAgainst::Log));
-                    let data = match (&test, path) {
-                        (Some((_, recorded)), Some(PlannedAgainst::Drive)) => recorded,
-                        _ => data,
-                    };
-                    let prepared = prepared.get(group, |prior| self.prepare(data, prior, may_query));
-                    self.of_group(prepared, group, test.as_ref().map(|(test, _)| test), key, result);
+                let may_query = !matches!(path, Some(PlannedAgainst::Log));
+                let data = match (&test, &path) {
+                    (Some((_, recorded)), Some(PlannedAgainst::Drive)) => recorded,
+                    _ => data,
+                };
+                let prepared = prepared.get(group, |prior| self.prepare(data, prior, may_query));
+                for generator in 0..group.built.len() {
+                    let by = Source { ego: number, path: *path, group: k, generator };
+                    self.of_source(by, prepared, test.as_ref().map(|(test, _)| test), result);
                 }
-                key = end;
             }
         }
-        key
-    }
-
-    fn keys_of(&self, built: &BuiltGenerator, is_driven: bool) -> usize {
-        let [_, trajectory, attacked] = self.measure;
-        let of_plan = if self.targets.is_empty() { usize::from(trajectory) } else { self.targets.len() };
-        built.keys.len() * (of_plan + usize::from(attacked && is_driven))
-    }
-
-    fn keys_of_ego(&self, ego: Option<&Ego>) -> usize {
-        let built = self.groups.iter().flat_map(|group| &group.built);
-        usize::from(self.measure[0] && ego.is_some())
-            + self.paths(ego).count() * built.map(|built| self.keys_of(built, ego.is_some())).sum::<usize>()
     }
 
     fn prepare(&self, data: &SceneData, prior: &dyn Backbone, may_query: bool) -> Result<Prepared<'_>> {
         let ctx = Arc::new(prepared::recording(&data.scene, &data.index)?);
         let of_plan = |metric: &Metric<PlanAndDrive>| metric.info.name.starts_with(OF_PLAN);
-        let is_shown = self.measure[1] || self.attacked.iter().any(of_plan);
+        let is_shown = self.measures.trajectory || self.attacked.iter().any(of_plan);
         let is_measured = is_shown && self.targets.is_empty();
         let measured = is_measured.then(|| MeasuredScene::new(ctx.clone(), data, prior, &self.further));
-        let is_searched = self.searches[0] || !self.targets.is_empty();
+        let is_searched = self.searches.of_plans || !self.targets.is_empty();
         let avoidance = is_searched.then(|| Avoidance::new(&ctx, self.search));
-        let is_sampled = is_measured && self.searches[0];
+        let is_sampled = is_measured && self.searches.of_plans;
         let samples = is_sampled.then(|| EgoSamples::of(data, &ctx, prior)).transpose()?;
         let (measured, avoidance) = (measured.transpose()?, avoidance.transpose()?);
         Ok(Prepared { ctx, may_query, measured, avoidance, samples })
     }
 
-    fn of_group(
+    fn of_source(
         &self,
+        by: Source,
         prepared: &Result<Prepared>,
-        group: &Group,
         test: Option<&AttackTest>,
-        first: usize,
         result: &mut SceneResult,
     ) {
-        let mut key = first;
-        for built in &group.built {
-            let end = key + self.keys_of(built, test.is_some());
-            let known = prepared.as_ref().map_err(|error| anyhow!("{error:#}"));
-            let cells = known.and_then(|prepared| self.of_generator(built, prepared, test, key));
-            match cells {
-                Ok(cells) => result.cells.extend(cells),
-                Err(error) => {
-                    let reason = format!("{error:#}");
-                    let is_left_out = prepared.as_ref().is_err_and(is_contact_now) || is_contact_now(&error);
-                    if is_left_out {
-                        result.left_out.push(format!("{}: {reason}", self.keys[key].stream()));
-                    } else {
-                        result.cells.extend((key..end).map(|key| Cell::failed(key, &reason)));
-                    }
+        let known = prepared.as_ref().map_err(|error| anyhow!("{error:#}"));
+        match known.and_then(|prepared| self.of_generator(by, prepared, test)) {
+            Ok(cells) => result.cells.extend(cells),
+            Err(error) => {
+                let reason = format!("{error:#}");
+                let mut keys = self.keys_of(|slot| slot.source() == Some(by));
+                let is_left_out = prepared.as_ref().is_err_and(is_contact_now) || is_contact_now(&error);
+                if is_left_out {
+                    let first = keys.next().map(|key| format!("{}: {reason}", self.keys[key].stream()));
+                    result.left_out.extend(first);
+                } else {
+                    result.cells.extend(keys.map(|key| Cell::failed(key, &reason)));
                 }
             }
-            key = end;
         }
     }
 
-    fn of_generator(
-        &self,
-        built: &BuiltGenerator,
-        prepared: &Prepared,
-        test: Option<&AttackTest>,
-        first: usize,
-    ) -> Result<Vec<Cell>> {
+    fn of_generator(&self, by: Source, prepared: &Prepared, test: Option<&AttackTest>) -> Result<Vec<Cell>> {
+        let built = &self.groups[by.group].built[by.generator];
         let Prepared { ctx, may_query, measured, avoidance, samples } = prepared;
         let clock = Instant::now();
         let attacks = match test {
@@ -327,8 +275,9 @@ impl Attacks {
             None => built.attacks(ctx, Against::Recording, self.seed)?,
         };
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
-        let (mut cells, mut key) = (Vec::new(), first);
-        for (attack, point) in attacks.into_iter().zip(&built.points) {
+        let mut cells = Vec::new();
+        for (number, (attack, point)) in attacks.into_iter().zip(&built.points).enumerate() {
+            let key = |what| self.numbers.get(&Slot::Attack { by, point: number, what });
             attack.check(ctx.scene())?;
             let path = match test {
                 Some(test) => test.path_of(&attack)?,
@@ -339,7 +288,7 @@ impl Attacks {
             if let Some(scene) = measured {
                 plan = Some(Arc::new(scene.measured(attack, seconds)?));
             }
-            if let Some(trajectory) = plan.as_ref().filter(|_| self.measure[1]) {
+            if let (Some(trajectory), Some(key)) = (&plan, key(OfAttack::Plan)) {
                 let avoidable = avoidance.as_ref().map(|avoidance| avoidance.of(&trajectory.candidate));
                 let samples_hit = samples.as_ref().map(|samples| samples.share_hit(&trajectory.candidate));
                 let plan = MeasuredPlan {
@@ -348,21 +297,19 @@ impl Attacks {
                     samples_hit,
                     choice: None,
                 };
-                cells.push(cell(key, &self.plans, &plan));
-                key += 1;
+                cells.push(cell(*key, &self.plans, &plan));
             }
             if let Some(avoidance) = avoidance.as_ref().filter(|_| !self.targets.is_empty()) {
                 let avoided = latest_start::avoided(attack, ctx, &self.objective, point.mu, avoidance);
-                for target in &self.targets {
+                for (k, target) in self.targets.iter().enumerate() {
+                    let Some(key) = key(OfAttack::AtTarget(k)) else { continue };
                     let time = latest_start::chosen(&avoided, *target).map(|one| one.time);
                     let choice = Some(Choice { target: *target, time });
-                    cells.push(cell(key, &self.plans, &MeasuredPlan { choice, ..MeasuredPlan::default() }));
-                    key += 1;
+                    cells.push(cell(*key, &self.plans, &MeasuredPlan { choice, ..MeasuredPlan::default() }));
                 }
             }
-            if let Some(test) = test.filter(|_| self.measure[2]) {
-                cells.push(self.attacked_cell(path, ctx, test, plan, key)?);
-                key += 1;
+            if let (Some(test), Some(key)) = (test, key(OfAttack::Drive)) {
+                cells.push(self.attacked_cell(path, ctx, test, plan, *key)?);
             }
         }
         Ok(cells)
@@ -379,7 +326,7 @@ impl Attacks {
         let candidate = ctx.candidate(path.trajectory.clone());
         let is_feasible = self.objective.evaluate(&candidate, ctx).is_feasible();
         let outcome = test.attack_along(path, is_feasible)?;
-        let is_searched = self.searches[1];
+        let is_searched = self.searches.of_attacked_drives;
         let avoidable = if is_searched { outcome.avoidable(self.search)? } else { None };
         let (over_red, reward_cut) = (outcome.over_red(), outcome.reward_cut(ctx));
         let measured = MeasuredAttack { outcome, avoidable, is_searched, over_red, reward_cut };
@@ -398,43 +345,33 @@ impl Measurement for Attacks {
 
     fn metrics(&self) -> Vec<(Subject, Vec<MetricInfo>)> {
         let all = [
-            (Subject::Drive, infos(&self.drives)),
-            (Subject::Trajectory, infos(&self.plans)),
-            (Subject::AttackedDrive, infos(&self.attacked)),
+            ((Subject::Drive, infos(&self.drives)), self.measures.drive),
+            ((Subject::Trajectory, infos(&self.plans)), self.measures.trajectory),
+            ((Subject::AttackedDrive, infos(&self.attacked)), self.measures.attacked_drive),
         ];
-        all.into_iter()
-            .zip(self.measure)
-            .filter(|(_, is_measured)| *is_measured)
-            .map(|(one, _)| one)
-            .collect()
+        all.into_iter().filter(|(_, is_measured)| *is_measured).map(|(one, _)| one).collect()
     }
 
     fn attack(&self, key: usize, data: &SceneData) -> Result<Option<Attack>> {
-        let wanted = &self.keys[key];
-        if !self.egos.is_empty() || !self.targets.is_empty() {
+        let Slot::Attack { by, point, what: OfAttack::Plan } = self.slots[key] else { return Ok(None) };
+        if !self.egos.is_empty() {
             return Ok(None);
         }
-        let mut first = 0;
-        for built in self.groups.iter().flat_map(|group| &group.built) {
-            let end = first + self.keys_of(built, false);
-            if key < end && wanted.subject == Subject::Trajectory {
-                let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
-                return Ok(built.attack(&ctx, key - first, self.seed)?);
-            }
-            first = end;
-        }
-        Ok(None)
+        let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
+        let built = &self.groups[by.group].built[by.generator];
+        Ok(built.attacks(&ctx, Against::Recording, self.seed)?.into_iter().nth(point))
     }
 
     fn measure(&self, data: &SceneData) -> SceneResult {
         let mut result = SceneResult::default();
         if self.egos.is_empty() {
-            self.of_ego(data, None, 0, &mut result);
+            self.of_ego(data, 0, None, &mut result);
             return result;
         }
         let simulated = SimScene::new(data.scene.clone(), data.index.clone());
-        let of_ego = |first, ego| self.of_ego(data, Some((ego, &simulated)), first, &mut result);
-        self.egos.iter().fold(0, of_ego);
+        for (number, ego) in self.egos.iter().enumerate() {
+            self.of_ego(data, number, Some((ego, &simulated)), &mut result);
+        }
         result
     }
 }

@@ -176,11 +176,7 @@ impl Attacker for OfGenerator {
         seed: u64,
     ) -> Result<Arc<Plan>, Error> {
         let built = &self.built.named.built;
-        if self.has_curriculum {
-            built.plan(scene, drive, at, seed)
-        } else {
-            built.plan_at(0, scene, drive, seed)
-        }
+        built.plan(scene, drive, if self.has_curriculum { at } else { &built.points[0] }, seed)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use advsage::generators::BuiltGenerator;
+use advsage::generators::{Against, BuiltGenerator};
 use anyhow::{Context as _, Result};
 use sage_backbones::seal::{SkillWindows, relative_path, training::CriticalityExample};
 use sage_core::{
@@ -110,7 +110,8 @@ impl RolloutScene {
         let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
         let driver = rollout_driver().map_err(anyhow::Error::msg)?;
         let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
-        let attack = candidates.attack(&ctx, 0, seed)?.context("the prior proposes nothing")?;
+        let attacks = candidates.attacks(&ctx, Against::Recording, seed)?;
+        let attack = attacks.into_iter().next().context("the prior proposes nothing")?;
         let undisturbed = AttackTest::new(&*driver, &scene, seed)?.context()?;
         let unattacked = roll_out(&*driver, &scene, None, &rules(), seed)?;
         Ok(Self { scene, driver, undisturbed, recorded: ctx, attack, unattacked, seed })

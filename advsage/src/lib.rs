@@ -5,6 +5,7 @@
 //! [`references`] that say whether a contact is preventable, and [`search`] searches ([`named_search`]: by name).
 
 pub mod attacked_files;
+pub mod dial;
 pub mod driver_search;
 pub mod ego;
 mod error;

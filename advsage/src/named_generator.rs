@@ -1,16 +1,16 @@
 //! A generator as a user names it, with all that it is built from: options, selection, merger, weights and operating points.
 
 use sage_core::objective::FurtherMeasures;
-use sage_generators::{Aggression, Facts};
+use sage_generators::Facts;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    Error, Registries, Result,
+    Error, Registries, Result, dial,
     generators::{BuiltGenerator, Generators, weight_hashes},
     operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
     selection::Selection,
-    weights::{NamedExperts, find_dial, note_on_merger},
+    weights::NamedExperts,
 };
 
 /// What a user says of a generator.
@@ -129,7 +129,7 @@ impl CheckedGenerator<'_> {
         };
         let mut notes = Vec::new();
         let points = if facts.uses_operating_point() {
-            let dial = || dial(weights.as_ref(), &selection, &spec.merger, &mut notes);
+            let dial = || dial::of_weights(weights.as_ref(), &selection, &spec.merger, &mut notes);
             spec.points.specs(range, dial)?
         } else {
             vec![OperatingPointSpec::at(1.0, None, range)?]
@@ -155,7 +155,7 @@ impl NamedGenerator {
             hashes.extend(self.built.files.clone());
             weights.insert(name.clone(), hashes.into());
             if !self.spec.points.aggression.is_empty() && self.built.facts.uses_operating_point() {
-                let dial = find_dial(name, experts, &self.selection).ok();
+                let dial = dial::find(name, experts, &self.selection).ok();
                 dials.insert(name.clone(), json!(dial.map(|dial| dial.mu)));
             }
         }
@@ -186,20 +186,4 @@ impl NamedGenerator {
         }
         described
     }
-}
-
-/// The dial of some weights.
-///
-/// *Errors*: there are no weights, or no dial was fitted for them.
-pub(crate) fn dial(
-    weights: Option<&NamedExperts>,
-    selection: &Selection,
-    merger: &Part,
-    notes: &mut Vec<String>,
-) -> Result<Aggression> {
-    let weights = weights
-        .ok_or_else(|| Error::Value("a dial needs experts; name weights that hold some".to_owned()))?;
-    let dial = find_dial(&weights.name, &weights.experts, selection)?;
-    notes.extend(note_on_merger(&dial, &merger.to_string()));
-    Ok(dial.mu)
 }

@@ -3,9 +3,8 @@
 use sage_generators::Facts;
 
 use crate::{
-    Registries, Result,
+    Registries, Result, dial,
     generators::Generators,
-    named_generator::dial,
     operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
     search::{self, POOL, PlanSources},
@@ -80,8 +79,9 @@ impl SearchSpec {
         }
         let mut notes = Vec::new();
         let range = generators.merger().range();
-        let points =
-            self.points.specs(range, || dial(weights.as_ref(), &selection, &self.merger, &mut notes))?;
+        let points = self
+            .points
+            .specs(range, || dial::of_weights(weights.as_ref(), &selection, &self.merger, &mut notes))?;
         let plans = match &method {
             Some((method, _)) => PlanSources::of_generator(&generators, method, &points, self.plans)?,
             None => PlanSources::pool(&generators, &points, self.plans)?,

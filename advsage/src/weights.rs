@@ -9,10 +9,9 @@ use sage_backbones::{
     weights::{PRIOR_FILE, Weights},
 };
 use sage_core::registry::Registry;
-use sage_generators::FittedDial;
 use sage_merging::ExpertSet;
 
-use crate::{Error, Result, selection::Selection};
+use crate::{Error, Result};
 
 /// Environment variable that names the folder of weights trained on recorded scenes.
 pub const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
@@ -131,23 +130,6 @@ impl NamedExperts {
     pub fn description(&self) -> String {
         described(&self.name, self.experts.prior().name(), &self.header)
     }
-}
-
-/// The dial that was fitted for a set of experts and a selection. It maps aggression to λ and μ.
-///
-/// *Errors*: no dial was fitted, or it was fitted for other experts.
-pub fn find_dial(name: &str, experts: &ExpertSet, selection: &Selection) -> Result<FittedDial> {
-    Ok(FittedDial::load(&find(name)?, experts, &selection.name, selection.objective.spec())?)
-}
-
-/// What the user should know of a dial that is used with a merger; `None` if it was fitted for it.
-pub fn note_on_merger(dial: &FittedDial, merger: &str) -> Option<String> {
-    (dial.merger != merger).then(|| {
-        format!(
-            "the dial was fitted for the merger `{}`; with `{merger}` the attack rate may not rise linearly",
-            dial.merger
-        )
-    })
 }
 
 /// Finds weights by name.

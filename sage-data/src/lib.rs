@@ -59,6 +59,7 @@ pub use capabilities::Capabilities;
 pub use error::Error;
 pub use format::Format;
 pub use gpudrive::EncodedGpuDrive;
+pub use metadrive::PROVENANCE;
 pub use reading::ReadOptions;
 pub use recording::{MAX_SCENE_FILE, Recording, Source, read_bytes};
-pub use variants::{PROVENANCE, Variant, VariantWriter};
+pub use variants::{Variant, VariantWriter};

@@ -2,6 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use sage_core::files;
+
+use crate::Error;
+
 /// True if a file is a Parquet file.
 pub(crate) fn is_parquet(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PAR1")
@@ -55,4 +59,13 @@ pub(crate) fn plain_path(path: &Path) -> Option<PathBuf> {
         true => Some(folder.to_owned()),
         false => Some(folder.join(id)),
     }
+}
+
+/// The map of a scenario of Argoverse 2. Real ones have 0.1 to 1 MB.
+pub(crate) fn read_map(path: &Path) -> Result<Vec<u8>, Error> {
+    const MOST: u64 = 64 << 20;
+    files::read(path, MOST).map_err(|source| match source.kind() {
+        std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MOST },
+        _ => Error::Read { path: path.to_owned(), source },
+    })
 }

@@ -13,10 +13,11 @@ use sage_core::{
 use crate::{
     Error, Format, ReadOptions, foreign,
     gpudrive::{self, EncodedGpuDrive},
-    gzip, map_limits, metadrive, native, parquet_files,
+    gzip, map_limits, metadrive,
+    metadrive::PROVENANCE,
+    native, parquet_files,
     pickle::Document,
     repairs::{Decoded, Repair},
-    variants::PROVENANCE,
     womd::{self, EncodedScenario},
 };
 
@@ -356,7 +357,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
         None
     };
     let read = match (read, map) {
-        (Ok(bytes), Some(map)) => return Ok(parquet_files::with_map(bytes, &read_map(&map)?)),
+        (Ok(bytes), Some(map)) => return Ok(parquet_files::with_map(bytes, &parquet_files::read_map(&map)?)),
         (read, _) => read,
     };
     read.map_err(|error| match error {
@@ -367,15 +368,6 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
             found.filter(|_| !start.is_empty()).map_or(error, |found| found.error(path))
         }
         error => error,
-    })
-}
-
-/// The map of a scenario of Argoverse 2. Real ones have 0.1 to 1 MB.
-pub(crate) fn read_map(path: &Path) -> Result<Vec<u8>, Error> {
-    const MOST: u64 = 64 << 20;
-    files::read(path, MOST).map_err(|source| match source.kind() {
-        std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MOST },
-        _ => Error::Read { path: path.to_owned(), source },
     })
 }
 
@@ -397,4 +389,13 @@ fn read_with(
         std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MAX_SCENE_FILE },
         _ => Error::Read { path: path.to_owned(), source },
     })
+}
+
+impl womd::Record {
+    /// Reads and checks the scene.
+    ///
+    /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
+    pub fn read(&self, options: &ReadOptions) -> Result<Recording, Error> {
+        Recording::of_record(&self.path(), &self.framed, options).map_err(|error| self.located(error))
+    }
 }

@@ -7,13 +7,11 @@ use sage_core::scene::Scene;
 use crate::{
     Error, Recording,
     gpudrive::{self, EncodedGpuDrive},
-    metadrive, native,
+    metadrive::{self, PROVENANCE},
+    native,
     pickle::Document,
     repairs::Decoded,
 };
-
-/// Metadata key of a written file for the provenance: how the scene was derived from its source.
-pub const PROVENANCE: &str = "sage_provenance";
 
 /// Writes variants of a recording. Their common content is prepared once.
 ///

@@ -30,7 +30,7 @@ pub use tfrecord::{FrameProblem, Record, frame, write_frame};
 pub(crate) use tfrecord::{MAX_RECORD, begins_with_record};
 pub(crate) use words::{LANE_TYPES, ROAD_LINE_TYPES};
 
-use crate::{Error, ReadOptions, Recording, names, pickle::Document};
+use crate::{Error, names, pickle::Document};
 
 /// The MetaDrive values of a `Scenario` message, without summaries, and whether it has an id. `path` names it in errors,
 /// such as `SHARD#3`.
@@ -87,13 +87,6 @@ impl Record {
         record_path::record_path(&self.shard, self.number)
     }
 
-    /// Reads and checks the scene.
-    ///
-    /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
-    pub fn read(&self, options: &ReadOptions) -> Result<Recording, Error> {
-        Recording::of_record(&self.path(), &self.framed, options).map_err(|error| self.located(error))
-    }
-
     /// Name and data set of the scene, which is not decoded.
     ///
     /// *Errors*: [`Error::Shard`] or [`Error::Message`].
@@ -102,7 +95,7 @@ impl Record {
     }
 
     /// The error with the record's number and offset in its shard.
-    fn located(&self, error: Error) -> Error {
+    pub(crate) fn located(&self, error: Error) -> Error {
         match error {
             Error::Shard { problem, .. } => {
                 let path = self.shard.clone();

@@ -1,10 +1,10 @@
 //! Loads networks, weights and generators by the names that commands accept, and says which they are.
 
 use advsage::{
-    Registries,
+    Registries, dial,
     named_generator::{GeneratorSpec, NamedGenerator},
     selection::Selection,
-    weights::{NamedExperts, NamedNetwork, find_dial, note_on_merger},
+    weights::{NamedExperts, NamedNetwork},
 };
 use anyhow::Result;
 use sage_backbones::Backbone;
@@ -37,8 +37,8 @@ pub fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<Exp
 ///
 /// *Errors*: no dial was fitted, or it was fitted for other experts.
 pub fn load_dial(name: &str, experts: &ExpertSet, selection: &Selection, merger: &str) -> Result<Aggression> {
-    let dial = find_dial(name, experts, selection)?;
-    if let Some(note) = note_on_merger(&dial, merger) {
+    let dial = dial::find(name, experts, selection)?;
+    if let Some(note) = dial::note_on_merger(&dial, merger) {
         progress::say(&format!("warning: {note}"));
     }
     Ok(dial.mu)

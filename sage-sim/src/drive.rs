@@ -1,11 +1,15 @@
 //! A drive: a policy in a scene, from frame 0 on.
 
+mod record;
+
 use std::sync::Arc;
 
 use sage_core::{
-    geometry::{OrientedBox, Point, sub},
-    scene::{Map, Scene},
+    geometry::{Point, sub},
+    scene::Scene,
 };
+
+pub use record::{Drive, DriveContact, OffRoad};
 
 use crate::{
     Error,
@@ -16,31 +20,12 @@ use crate::{
     route::{Localization, Route},
     scene::{LAST_FRAME, SimScene, guide},
     traffic::Plan,
-    vehicle::{Action, Motion, SUBSTEP},
+    vehicle::{Action, SUBSTEP},
     world::{Contact, Control, World, WorldOptions},
 };
 
 /// Frames after an appearance within which a contact is due to it.
 const APPEARANCE: usize = 3;
-
-/// A contact of the car with one road user: the first.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DriveContact {
-    /// Step, 1 the first.
-    pub step: usize,
-    /// Substep, 1 to 5.
-    pub substep: usize,
-    /// The car before that step: a contact changes its velocity.
-    pub car: Motion,
-    /// The other road user at that step.
-    pub other: Body,
-    /// Boxes of the car and of the other when they meet.
-    pub areas: [OrientedBox; 2],
-    /// Velocities of the car and of the other in that step until they meet, m/s.
-    pub velocities: [Point; 2],
-    /// Whether the other came into being within 0.3 s before: recordings have gaps.
-    pub appeared: bool,
-}
 
 /// A simulation with its drivers.
 pub struct Simulation {
@@ -225,64 +210,7 @@ impl Simulation {
     }
 }
 
-/// The record of a drive.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Drive {
-    /// Motion at each step, the start first.
-    pub motions: Vec<Motion>,
-    /// First contact with each road user, in the order of time. A contact that lasts from the start is none.
-    pub contacts: Vec<DriveContact>,
-    /// Progress along the route, metres, from the start to the farthest point.
-    pub progress: f64,
-    /// When the car leaves the road.
-    pub off_road: OffRoad,
-    /// What the driver showed, in the order of the steps.
-    pub shown: Vec<Shown>,
-    /// What the car did in each step.
-    pub(crate) controls: Vec<Control>,
-}
-
-/// When a car leaves the road: it touches an edge, or is on a sidewalk. What it touches at the start does not count
-/// until it has left it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum OffRoad {
-    /// The map has no edges.
-    #[default]
-    NotMeasured,
-    /// At no step.
-    Never,
-    /// First at this step.
-    At(usize),
-}
-
-impl OffRoad {
-    /// The record of a drive that begins on a map.
-    pub fn start(map: &Map) -> Self {
-        if map.has_edges() { Self::Never } else { Self::NotMeasured }
-    }
-
-    /// The first step off the road, if there is one.
-    pub fn step(self) -> Option<usize> {
-        match self {
-            Self::At(step) => Some(step),
-            Self::Never | Self::NotMeasured => None,
-        }
-    }
-
-    /// Whether the map says where the road ends.
-    pub fn is_measured(self) -> bool {
-        self != Self::NotMeasured
-    }
-}
-
 impl Drive {
-    /// The car's box at the end of the step of a contact.
-    pub(crate) fn area(&self, contact: &DriveContact) -> OrientedBox {
-        let (motion, sizes) = (&self.motions[contact.step], &contact.areas[0]);
-        let [length, width] = [2.0 * sizes.half_length, 2.0 * sizes.half_width];
-        OrientedBox::new(motion.position, motion.heading, length, width)
-    }
-
     /// The scene in which the ego's recording is this drive. Frames after its end are not valid. Heights are
     /// those of the log; on a map with levels the drive follows the lanes of its own.
     pub fn recorded(&self, simulated: &SimScene) -> Scene {

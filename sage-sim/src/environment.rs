@@ -5,6 +5,7 @@
 //! off by default; [`EnvironmentOptions::metadrive`] turns all of them on.
 
 mod options;
+mod outcome;
 pub mod reward;
 mod rules;
 
@@ -17,9 +18,10 @@ use sage_core::{
 };
 
 pub use options::{EnvironmentOptions, Rewards};
+pub use outcome::Outcome;
 pub use reward::{DrivingReward, RewardSum, RewardedStep};
 pub(crate) use rules::{ARRIVED, BACKWARDS};
-pub use rules::{Outcome, Situation, assess};
+pub use rules::{Situation, assess};
 
 use crate::{
     Error,

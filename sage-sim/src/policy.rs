@@ -14,6 +14,7 @@ mod idm_release;
 mod idm_sets;
 mod lane_change;
 mod learned;
+mod minded_lights;
 mod path;
 mod pdm;
 mod pid;
@@ -22,6 +23,7 @@ pub mod planner;
 mod process;
 mod r157;
 mod replay;
+mod shown;
 mod steering;
 mod takeover;
 mod tracking;
@@ -41,12 +43,14 @@ pub use expert_release::ExpertRelease;
 pub use idm::IdmPolicy;
 pub use idm_release::IdmRelease;
 pub use learned::{LearnedPolicyOptions, Ppo, Td3};
+pub use minded_lights::{Braking, RedLights, RedStop};
 pub use path::{DrivenPath, PathPolicy};
 pub use pdm::{Pdm, PdmOptions};
 #[cfg(unix)]
 pub use process::{Process, ProcessOptions, kill_programs};
 pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
+pub use shown::Shown;
 pub use takeover::{Takeover, TakeoverOptions};
 pub use tracking::Tracking;
 
@@ -200,17 +204,6 @@ impl<'a> Start<'a> {
     pub fn error(&self, problem: String) -> Error {
         Error::Policy { scene: self.scene.scene().id.clone(), problem }
     }
-}
-
-/// What a driver shows of a step to people who watch.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Shown {
-    /// The step.
-    pub step: usize,
-    /// Where it plans to drive, from where it is; empty if it says nothing about it.
-    pub plan: Vec<Point>,
-    /// What it wrote to its log.
-    pub log: String,
 }
 
 /// A policy in the middle of a drive.

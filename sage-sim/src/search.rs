@@ -11,6 +11,7 @@ pub mod clauses;
 pub mod evaluation;
 pub mod features;
 pub mod manoeuvre;
+mod met;
 pub mod metrics;
 pub mod onset;
 pub mod passing;
@@ -36,8 +37,9 @@ use crate::{
 
 pub use circumstances::Circumstances;
 pub use clauses::{Clause, Clauses, Reason, Requirement};
-pub use evaluation::{AttackedPath, Evaluated, Met, PlanDrives};
+pub use evaluation::{AttackedPath, Evaluated, PlanDrives};
 pub use features::Features;
+pub use met::Met;
 pub use metrics::{MeasuredSearch, MeasuredThreshold, search_metrics, threshold_metrics};
 pub use pool::{MOST_PLANS, Pool, PoolCounts, PoolPlan};
 pub use transfer::{MeasuredTransfer, transfer_metrics};

@@ -1,5 +1,7 @@
 //! A claim as an experiment.
 
+use rayon::prelude::*;
+
 use crate::{Report, Setup, Verdict};
 
 /// A claim as an experiment.
@@ -25,4 +27,14 @@ pub trait Check: Send + Sync {
 
     /// Runs the experiment, with one of the injected faults in place of the formula if given.
     fn run(&self, setup: &Setup, injected: Option<usize>) -> Report;
+}
+
+/// Which of its injected faults a check notices: those with which it comes to another verdict. None if it does not come
+/// to the expected verdict without them.
+pub fn caught(check: &dyn Check, setup: &Setup) -> Vec<bool> {
+    let injected: Vec<Option<usize>> =
+        std::iter::once(None).chain((0..check.injected().len()).map(Some)).collect();
+    let run = |injected: &Option<usize>| Verdict::of(&check.run(setup, *injected)) == check.expected();
+    let as_expected: Vec<bool> = injected.par_iter().map(run).collect();
+    as_expected[1..].iter().map(|with_error| as_expected[0] && !with_error).collect()
 }

@@ -36,11 +36,11 @@ mod tally;
 pub mod tanh_net;
 
 pub use bounds::Bounds;
-pub use check::Check;
+pub use check::{Check, caught};
 pub use experts::{Experts, Loss, Mixed, optimum, root};
 pub use figure::{Figure, Series};
 pub use preference::Preference;
-pub use report::{Report, Verdict, caught};
+pub use report::{Report, Verdict};
 pub use setup::Setup;
 pub use table::{Agreement, Number, Table};
 pub use tally::Tally;

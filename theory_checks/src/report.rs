@@ -1,9 +1,8 @@
 //! What an experiment found, and the verdict on its claim.
 
-use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::{Check, Figure, Setup, Table, json};
+use crate::{Figure, Table, json};
 
 /// A bound is attained if it exceeds what it bounds by no more than this share.
 const ATTAINED: f64 = 1e-6;
@@ -87,16 +86,6 @@ impl Verdict {
             Self::Undecided => "UNDECIDED",
         }
     }
-}
-
-/// Which of its injected faults a check notices: those with which it comes to another verdict. None if it does not come
-/// to the expected verdict without them.
-pub fn caught(check: &dyn Check, setup: &Setup) -> Vec<bool> {
-    let injected: Vec<Option<usize>> =
-        std::iter::once(None).chain((0..check.injected().len()).map(Some)).collect();
-    let run = |injected: &Option<usize>| Verdict::of(&check.run(setup, *injected)) == check.expected();
-    let as_expected: Vec<bool> = injected.par_iter().map(run).collect();
-    as_expected[1..].iter().map(|with_error| as_expected[0] && !with_error).collect()
 }
 
 #[cfg(test)]

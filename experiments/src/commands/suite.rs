@@ -21,14 +21,12 @@ use sage_run::{
 use sage_sim::search::{
     Features,
     features::{Spread, diverse},
-    suite::{Found as Origin, MOST_TESTS, SCENES, Suite, SuiteTest, VERSION, is_plain, plan_hash},
+    suite::{FILE, Found as Origin, MOST_TESTS, SCENES, Suite, SuiteTest, VERSION, is_plain, plan_hash},
 };
 
 use super::search::found::{FailureFile, FailureScene, Found, json, without_folders};
 use crate::cli::{Keep, SearchFormat, SuiteArgs};
 
-/// File of a suite.
-pub(super) const FILE: &str = "suite.json";
 /// Clusters that are printed.
 const SHOWN: usize = 10;
 

@@ -19,11 +19,10 @@ use sage_sim::{
     SimScene,
     search::{
         passing::{Asked, TestDrive},
-        suite::{self, SCENES, Suite, SuiteTest, VERSION},
+        suite::{self, FILE, SCENES, Suite, SuiteTest, VERSION},
     },
 };
 
-use super::suite::FILE;
 use crate::{cli::TestArgs, junit};
 
 use row::{EarlierRow, ResultRow, TestResult};

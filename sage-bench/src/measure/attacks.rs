@@ -23,13 +23,12 @@ use sage_sim::{
 };
 
 pub use metrics::{Choice, MeasuredPlan};
-use metrics::{OF_PLAN, PlanAndDrive, attacked_metrics, plan_metrics};
+use metrics::{OF_PLAN, PlanAndDrive, attacked_metrics, plan_metrics, sample_metrics};
 use slots::{OfAttack, Slot, Source};
 
 use super::{
-    ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell,
-    ego_samples::{self, EgoSamples},
-    infos, is_contact_now,
+    ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell, ego_samples::EgoSamples, infos,
+    is_contact_now,
 };
 use crate::{
     Registries,
@@ -104,7 +103,7 @@ impl Attacks {
         if study.avoidable.is_some() && study.measures(Subject::Trajectory) {
             // The search was asked for, so its metrics are shown.
             let of_search = registries.metrics.avoidable.all().iter().map(|m| m.info.name.to_string());
-            let of_samples = ego_samples::metrics().map(|m| m.info.name.to_string());
+            let of_samples = sample_metrics().map(|m| m.info.name.to_string());
             let of_search = of_search.chain(of_samples);
             names.extend(of_search.filter(|name| !listed(Subject::Trajectory).contains(name)));
         }

@@ -11,13 +11,10 @@ use sage_backbones::{
     prediction::{Predicted, predict},
 };
 use sage_core::{
-    metric::Metric,
     objective::{Candidate, Context, EgoPaths, Encounter},
     scene::SceneData,
     seed::Rng,
 };
-
-use super::MeasuredPlan;
 
 /// Predictions of the ego.
 const SAMPLES: usize = 32;
@@ -53,21 +50,4 @@ impl EgoSamples {
         let hit = paths.iter().filter(|path| Encounter::of(candidate, path).contact.is_some()).count();
         hit as f64 / paths.len() as f64
     }
-}
-
-/// Metrics of the predictions of the ego.
-pub(super) fn metrics() -> [Metric<MeasuredPlan>; 3] {
-    type P = MeasuredPlan;
-    let hits_all = |plan: &P| Some(plan.samples_hit? >= 1.0);
-    [
-        Metric::mean("predictions hit", |plan: &P| plan.samples_hit)
-            .about("share of 32 predictions of the ego that the trajectory touches")
-            .costly(),
-        Metric::share("hits all predictions", hits_all).about("it touches all of them").costly(),
-        Metric::share("hits all predictions, of the attacks", move |plan: &P| {
-            hits_all(plan).filter(|_| plan.is_attack())
-        })
-        .about("the same, of the attacks")
-        .costly(),
-    ]
 }

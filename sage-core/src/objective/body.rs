@@ -1,6 +1,6 @@
 //! The adversary's body: pose, size and convention that turn a trajectory into a candidate.
 
-use super::{Candidate, Convention, Sizes, ground::Ground};
+use super::{Candidate, Convention, Sizes, candidate::Car, ground::Ground};
 use crate::{
     Error,
     geometry::distance,
@@ -15,12 +15,7 @@ pub struct Body {
     start: Option<Pose>,
     /// Heading at the valid frame nearest to *now*, preferably in history.
     last_heading: f64,
-    /// Length and width, metres.
-    pub(super) size: [f64; 2],
-    pub(super) convention: Convention,
-    pub(super) mirrored: bool,
-    /// Whether it drives backwards *now*.
-    pub(super) reverses: bool,
+    pub(super) car: Car,
 }
 
 impl Body {
@@ -44,8 +39,8 @@ impl Body {
         let valid = (0..track.valid.len()).filter(|&f| track.is_valid(f));
         let nearest = valid.min_by_key(|f| (*f > NOW, f.abs_diff(NOW)));
         let last_heading = nearest.map_or(0.0, |frame| track.heading[frame]);
-        let reverses = track.reverses(NOW);
-        Ok(Self { start, last_heading, size, convention, mirrored, reverses })
+        let car = Car { size, convention, mirrored, reverses: track.reverses(NOW) };
+        Ok(Self { start, last_heading, car })
     }
 
     /// Prepares a trajectory for scoring. If the adversary is not valid *now*, its position is extrapolated
@@ -69,6 +64,6 @@ impl Body {
             let heading = if moves { (b[1] - a[1]).atan2(b[0] - a[0]) } else { self.last_heading };
             Pose { position, heading }
         });
-        Candidate::new(trajectory, start, self, horizon, ground)
+        Candidate::new(trajectory, start, &self.car, horizon, ground)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use super::{Body, Convention, ground::Ground, others::CHUNK};
+use super::{Convention, ground::Ground, others::CHUNK};
 use crate::{
     geometry::{Aabb, OrientedBox, Point, dot, wrap_angle},
     motion::{
@@ -11,6 +11,17 @@ use crate::{
     },
     scene::is_one_level,
 };
+
+/// The car that drives a trajectory.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Car {
+    /// Length and width, metres.
+    pub(super) size: [f64; 2],
+    pub(super) convention: Convention,
+    pub(super) mirrored: bool,
+    /// Whether it drives backwards *now*.
+    pub(super) reverses: bool,
+}
 
 /// A planned trajectory of the adversary, prepared for evaluation.
 #[derive(Clone)]
@@ -32,17 +43,17 @@ impl Candidate {
     pub(super) fn new(
         trajectory: Trajectory,
         start: Pose,
-        body: &Body,
+        car: &Car,
         horizon: usize,
         ground: Option<Ground>,
     ) -> Self {
-        let mirror = body.mirrored;
+        let mirror = car.mirrored;
         let points = &trajectory.points()[..horizon];
-        let profile = match body.convention {
-            Convention::Paper => paper::profile_from(points, &start, body.reverses),
+        let profile = match car.convention {
+            Convention::Paper => paper::profile_from(points, &start, car.reverses),
             Convention::Release => release::profile(points),
         };
-        let boxes = boxes(points, &profile.axis, body.size);
+        let boxes = boxes(points, &profile.axis, car.size);
         let mirrored: Option<Vec<OrientedBox>> =
             mirror.then(|| boxes.iter().map(OrientedBox::mirrored).collect());
         let chunks = chunks(mirrored.as_ref().unwrap_or(&boxes));
@@ -51,7 +62,7 @@ impl Candidate {
             trajectory,
             profile,
             start,
-            convention: body.convention,
+            convention: car.convention,
             nll: None,
             boxes,
             mirrored,

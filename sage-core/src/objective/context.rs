@@ -109,7 +109,7 @@ impl Context {
             None => None,
         };
         match headings {
-            Some(headings) => candidate.with_headings(&headings, self.body.size),
+            Some(headings) => candidate.with_headings(&headings, self.body.car.size),
             None => candidate,
         }
     }
@@ -165,7 +165,7 @@ impl Context {
 
     /// Convention of the formulas.
     pub fn convention(&self) -> Convention {
-        self.body.convention
+        self.body.car.convention
     }
 
     /// The ego's paths, at least one, in the given order.
@@ -180,7 +180,7 @@ impl Context {
 
     /// Length and width of the adversary, metres.
     pub fn size(&self) -> [f64; 2] {
-        self.body.size
+        self.body.car.size
     }
 
     /// Length and width of the ego, metres.

@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use super::sidewalks;
 use crate::geometry::{Point, distance};
 
 /// Largest distance between the end of an edge and the edge that continues it, metres.
@@ -171,6 +170,9 @@ pub struct Map {
     pub features: Vec<MapFeature>,
 }
 
+/// Fewest points of a closed outline, with the repeated first one.
+const FEWEST_OF_OUTLINE: usize = 4;
+
 impl Map {
     /// Points of a feature.
     pub fn points_of(&self, feature: &MapFeature) -> &[[f64; 3]] {
@@ -179,7 +181,11 @@ impl Map {
 
     /// Whether a feature is an area that is not road: a sidewalk with a closed outline.
     pub fn is_sidewalk_area(&self, feature: &MapFeature) -> bool {
-        sidewalks::is_area(self, feature)
+        let points = self.points_of(feature);
+        let plane = |p: &[f64; 3]| [p[0], p[1]];
+        feature.kind.is_sidewalk()
+            && points.len() >= FEWEST_OF_OUTLINE
+            && points.first().map(plane) == points.last().map(plane)
     }
 
     /// Whether an edge continues another one: two lines whose ends meet within a metre, or two sidewalks whose

@@ -1,19 +1,7 @@
 //! Sidewalks: closed edges whose inside is not road, whatever the direction of their outline.
 
-use super::{Map, MapFeature};
+use super::Map;
 use crate::geometry::{Aabb, OrientedBox, Point, cross, sub};
-
-/// Fewest points of a closed outline, with the repeated first one.
-const FEWEST: usize = 4;
-
-/// Whether a feature is an area that is not road: a closed sidewalk.
-pub(super) fn is_area(map: &Map, feature: &MapFeature) -> bool {
-    let points = map.points_of(feature);
-    let plane = |p: &[f64; 3]| [p[0], p[1]];
-    feature.kind.is_sidewalk()
-        && points.len() >= FEWEST
-        && points.first().map(plane) == points.last().map(plane)
-}
 
 /// One area.
 #[derive(Clone, Debug)]
@@ -33,7 +21,7 @@ pub struct Sidewalks(Vec<Area>);
 impl Sidewalks {
     /// All areas of a map.
     pub(super) fn of(map: &Map) -> Self {
-        let features = map.features.iter().enumerate().filter(|(_, feature)| is_area(map, feature));
+        let features = map.features.iter().enumerate().filter(|(_, feature)| map.is_sidewalk_area(feature));
         Self(features.map(|(k, feature)| Area::of(k as u32, map.points_of(feature))).collect())
     }
 
@@ -99,7 +87,7 @@ impl Area {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::MapKind;
+    use crate::scene::{MapFeature, MapKind};
 
     fn sidewalks(kind: &str, ring: &[[f64; 2]]) -> Sidewalks {
         let points: Vec<[f64; 3]> = ring.iter().map(|[x, y]| [*x, *y, 2.0]).collect();

@@ -19,7 +19,6 @@ use crate::{
     metadrive::{ASSUMED_SIZES, MAX_FRAMES, SceneValues, Values},
     parquet_files,
     pickle::{Document, Id},
-    recording,
     repairs::sizes::size_of_type,
 };
 
@@ -113,7 +112,7 @@ fn map_of(path: &Path, rows: &Rows) -> Result<(PathBuf, Vec<u8>), Error> {
         found: "no `log_map_archive_….json` of this scenario beside it".to_owned(),
         expected: "the folder of the scenario as it is published, with its map".to_owned(),
     })?;
-    let text = recording::read_map(&map)?;
+    let text = parquet_files::read_map(&map)?;
     Ok((map, text))
 }
 

@@ -16,10 +16,10 @@ use super::{
 use crate::{
     Error, ReadOptions,
     json::explained,
+    metadrive::PROVENANCE,
     metadrive::{ASSUMED_SIZES, SceneValues, Values},
     pickle::{Document, Id},
     repairs::Repair,
-    variants::PROVENANCE,
 };
 
 /// Type of vehicles in a file.

@@ -19,9 +19,9 @@ use super::{ABSENT, OWN, REST, decode::REST_OF_METADATA, file::Own, lights::STAT
 use crate::{
     Error,
     metadrive::ASSUMED_SIZES,
+    metadrive::PROVENANCE,
     openscenario::License,
     pickle::{Document, Id, Node},
-    variants::PROVENANCE,
     womd::{Ids, Notes, note, unknown_edges},
 };
 

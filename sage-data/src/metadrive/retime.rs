@@ -7,7 +7,7 @@ use sage_core::{
     scene::Scene,
 };
 
-use super::encode::{all_columns, write_columns};
+use super::columns::{all_columns, write_columns};
 use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node};
 
 const F64: Dtype = Dtype { kind: ElementKind::Float, size: 8, big_endian: false };

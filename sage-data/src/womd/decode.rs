@@ -19,9 +19,9 @@ use super::{
     words::{DIFFICULTIES, OBJECT_TYPES},
 };
 use crate::{
+    metadrive::PROVENANCE,
     metadrive::{MAX_FRAMES, SceneValues, Values},
     pickle::{Document, Id},
-    variants::PROVENANCE,
 };
 use budget::{Budget, DICT, ENTRY};
 

@@ -20,8 +20,8 @@ use super::{
     words::{OBJECT_TYPES, SIGNAL_STATES},
 };
 use crate::{
+    metadrive::PROVENANCE,
     pickle::{Document, Id, Node},
-    variants::PROVENANCE,
 };
 pub(crate) use ids::Ids;
 pub(crate) use map::unknown_edges;

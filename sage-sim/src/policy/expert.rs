@@ -13,11 +13,11 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::minded_lights::{Braking, RedLights, RedStop};
 use super::{Driver, EgoPolicy, Start, View, forecast::Forecast, pid::Pid, steering};
 use crate::{
     Error,
     body::{Body, BodyKind},
-    red_lights::{Braking, RedLights, RedStop},
     route::{Coordinates, Localization, Route},
     traffic::speed_limit,
     vehicle::Action,

@@ -13,6 +13,7 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::minded_lights::{Braking, RedLights};
 use super::{
     Driver, EgoPolicy, Start, View,
     lane_change::{LaneChange, MobilOptions},
@@ -21,7 +22,6 @@ use super::{
 use crate::{
     Error,
     following::{Follower, areas, leader},
-    red_lights::{Braking, RedLights},
     route::Localization,
     traffic::{DESIRED_SPEED, speed_limit},
     vehicle::Action,

@@ -24,15 +24,9 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
+use super::minded_lights::{Braking, RedLights};
 use super::{Driver, EgoPolicy, Start, View};
-use crate::{
-    Error,
-    red_lights::{Braking, RedLights},
-    route::Coordinates,
-    traffic::DESIRED_SPEED,
-    vehicle::Action,
-    world::Control,
-};
+use crate::{Error, route::Coordinates, traffic::DESIRED_SPEED, vehicle::Action, world::Control};
 use others::Other;
 use path::Path;
 use proposals::{BRAKE, Outset, Proposal, STEPS, Shape};

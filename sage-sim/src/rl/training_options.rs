@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{ActorPolicy, Learner, Network, Ppo, PpoOptions, Td3, Td3Options};
+use super::{ActorPolicy, Network, PpoOptions, Td3Options};
 use crate::{
     environment::{EnvironmentOptions, RewardSum},
     observation::ObservationKind,
@@ -108,20 +108,6 @@ impl TrainingOptions {
             Algorithm::Td3 => self.environments,
             Algorithm::Ppo => self.ppo.environments,
         }
-    }
-
-    /// The learner before the first step.
-    ///
-    /// *Errors*: as [`TrainingOptions::check`].
-    pub fn learner(&self) -> Result<Box<dyn Learner>, String> {
-        self.check()?;
-        Ok(match self.algorithm {
-            Algorithm::Td3 => Box::new(Td3::new(self)?),
-            Algorithm::Ppo => {
-                let batches = self.steps() / self.ppo.batch() as u64;
-                Box::new(Ppo::new(self.ppo.clone(), batches, self.seed)?)
-            }
-        })
     }
 
     /// Checks all numbers.

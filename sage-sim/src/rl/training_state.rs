@@ -8,7 +8,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    EpisodeRow, Learner, Network, SceneRecord, SuccessRates, TrainingOptions,
+    Algorithm, EpisodeRow, Learner, Network, Ppo, SceneRecord, SuccessRates, Td3, TrainingOptions,
     running_episode::{Attack, EpisodeRecord},
 };
 use crate::{traffic::Plan, vehicle::Motion};
@@ -90,7 +90,7 @@ impl TrainingState {
     /// *Errors*: as [`TrainingOptions::check`].
     pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, String> {
         Ok(Self {
-            learner: options.learner()?,
+            learner: learner(options)?,
             episodes: Vec::new(),
             drives: vec![VecDeque::new(); scenes],
             attacks: BTreeMap::new(),
@@ -127,4 +127,18 @@ impl TrainingState {
     pub fn loss_curve(&self) -> &[[f64; 3]] {
         &self.loss_curve
     }
+}
+
+/// The learner before the first step.
+///
+/// *Errors*: as [`TrainingOptions::check`].
+fn learner(options: &TrainingOptions) -> Result<Box<dyn Learner>, String> {
+    options.check()?;
+    Ok(match options.algorithm {
+        Algorithm::Td3 => Box::new(Td3::new(options)?),
+        Algorithm::Ppo => {
+            let batches = options.steps() / options.ppo.batch() as u64;
+            Box::new(Ppo::new(options.ppo.clone(), batches, options.seed)?)
+        }
+    })
 }

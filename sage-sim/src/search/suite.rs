@@ -24,6 +24,8 @@ use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions, fault::
 pub const VERSION: u32 = 2;
 /// Largest number of tests.
 pub const MOST_TESTS: usize = 20_000;
+/// File of a suite.
+pub const FILE: &str = "suite.json";
 /// Folder of the unchanged scenes in that of the suite.
 pub const SCENES: &str = "scenes";
 /// Longest name of a test or a scene file, bytes.

@@ -15,11 +15,11 @@ use sage_sim::{
     SimScene,
     search::{
         PlanDrives, Requirement, SearchOptions,
-        suite::{Found, SCENES, Suite, SuiteTest, VERSION},
+        suite::{FILE, Found, SCENES, Suite, SuiteTest, VERSION},
     },
 };
 
-use super::{FILE, remove_old};
+use super::remove_old;
 use crate::{
     cli::SuiteArgs,
     commands::{search::found::without_folders, test},

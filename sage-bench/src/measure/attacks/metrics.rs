@@ -10,7 +10,7 @@ use sage_core::{
 };
 use sage_sim::{avoidable::Avoidable, metrics::MeasuredAttack};
 
-use crate::{Registries, measure::ego_samples, study::Study};
+use crate::{Registries, study::Study};
 
 /// What was measured of a plan.
 #[derive(Default)]
@@ -96,7 +96,24 @@ pub(super) fn plan_metrics(
     let of_choice = choice_metrics();
     let of_choice = of_choice.iter().filter(|_| !study.latest_start.is_empty());
     let of_choice = of_choice.map(|m| m.of_part(|p: &MeasuredPlan| p.choice.as_ref()));
-    let of_samples = ego_samples::metrics();
+    let of_samples = sample_metrics();
     Ok(Metrics::default()
         .with_all(own.chain(of_search).chain(of_samples).chain(of_choice).collect::<Vec<_>>())?)
+}
+
+/// Metrics of the predictions of the ego.
+pub(super) fn sample_metrics() -> [Metric<MeasuredPlan>; 3] {
+    type P = MeasuredPlan;
+    let hits_all = |plan: &P| Some(plan.samples_hit? >= 1.0);
+    [
+        Metric::mean("predictions hit", |plan: &P| plan.samples_hit)
+            .about("share of 32 predictions of the ego that the trajectory touches")
+            .costly(),
+        Metric::share("hits all predictions", hits_all).about("it touches all of them").costly(),
+        Metric::share("hits all predictions, of the attacks", move |plan: &P| {
+            hits_all(plan).filter(|_| plan.is_attack())
+        })
+        .about("the same, of the attacks")
+        .costly(),
+    ]
 }

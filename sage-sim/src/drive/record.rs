@@ -1,0 +1,86 @@
+//! The record of a drive.
+
+use sage_core::{
+    geometry::{OrientedBox, Point},
+    scene::Map,
+};
+
+use crate::{body::Body, policy::Shown, vehicle::Motion, world::Control};
+
+/// The record of a drive.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Drive {
+    /// Motion at each step, the start first.
+    pub motions: Vec<Motion>,
+    /// First contact with each road user, in the order of time. A contact that lasts from the start is none.
+    pub contacts: Vec<DriveContact>,
+    /// Progress along the route, metres, from the start to the farthest point.
+    pub progress: f64,
+    /// When the car leaves the road.
+    pub off_road: OffRoad,
+    /// What the driver showed, in the order of the steps.
+    pub shown: Vec<Shown>,
+    /// What the car did in each step.
+    pub(crate) controls: Vec<Control>,
+}
+
+/// When a car leaves the road: it touches an edge, or is on a sidewalk. What it touches at the start does not count
+/// until it has left it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OffRoad {
+    /// The map has no edges.
+    #[default]
+    NotMeasured,
+    /// At no step.
+    Never,
+    /// First at this step.
+    At(usize),
+}
+
+impl OffRoad {
+    /// The record of a drive that begins on a map.
+    pub fn start(map: &Map) -> Self {
+        if map.has_edges() { Self::Never } else { Self::NotMeasured }
+    }
+
+    /// The first step off the road, if there is one.
+    pub fn step(self) -> Option<usize> {
+        match self {
+            Self::At(step) => Some(step),
+            Self::Never | Self::NotMeasured => None,
+        }
+    }
+
+    /// Whether the map says where the road ends.
+    pub fn is_measured(self) -> bool {
+        self != Self::NotMeasured
+    }
+}
+
+impl Drive {
+    /// The car's box at the end of the step of a contact.
+    pub(crate) fn area(&self, contact: &DriveContact) -> OrientedBox {
+        let (motion, sizes) = (&self.motions[contact.step], &contact.areas[0]);
+        let [length, width] = [2.0 * sizes.half_length, 2.0 * sizes.half_width];
+        OrientedBox::new(motion.position, motion.heading, length, width)
+    }
+}
+
+/// A contact of the car with one road user: the first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DriveContact {
+    /// Step, 1 the first.
+    pub step: usize,
+    /// Substep, 1 to 5.
+    pub substep: usize,
+    /// The car before that step: a contact changes its velocity.
+    pub car: Motion,
+    /// The other road user at that step.
+    pub other: Body,
+    /// Boxes of the car and of the other when they meet.
+    pub areas: [OrientedBox; 2],
+    /// Velocities of the car and of the other in that step until they meet, m/s.
+    pub velocities: [Point; 2],
+    /// Whether the other came into being within 0.3 s before: recordings have gaps.
+    pub appeared: bool,
+}

@@ -166,29 +166,114 @@ fn paths(declaration: &str) -> Vec<Vec<String>> {
     inner.map(|path| [names(head), path].concat()).collect()
 }
 
-/// The other modules that a module uses. A module and its parent belong together.
-fn uses(module: &Module, text: &str, known: &BTreeMap<Module, String>) -> BTreeSet<Module> {
-    let declarations = text.split(';').filter_map(|statement| {
+/// The use declarations of a text, and whether each is a re-export.
+fn declarations(text: &str) -> impl Iterator<Item = (&str, bool)> {
+    text.split(';').filter_map(|statement| {
         let at = statement.rfind("use ")?;
+        let before = statement[..at].trim_end();
         let is_word = at == 0 || statement[..at].ends_with(char::is_whitespace);
-        is_word.then(|| &statement[at + 4..])
-    });
-    let mut found = BTreeSet::new();
-    for path in declarations.flat_map(paths) {
-        let ups = path.iter().take_while(|name| *name == "super").count();
-        let mut target: Module = match path.first().map(String::as_str) {
-            Some("crate") => path[1..].to_vec(),
-            Some("super") => [&module[..module.len() - ups.min(module.len())], &path[ups..]].concat(),
-            _ => continue,
-        };
-        while !known.contains_key(&target) {
-            target.pop();
+        let is_public = before.ends_with("pub") || (before.ends_with(')') && before.contains("pub("));
+        is_word.then(|| (&statement[at + 4..], is_public))
+    })
+}
+
+/// The paths in the code of a text apart from its declarations, such as `fault::class`.
+fn paths_in_code(text: &str) -> Vec<Module> {
+    let code: Vec<&str> = text
+        .split(';')
+        .map(|statement| {
+            let declaration = declarations(statement).next().map_or(0, |(declared, _)| declared.len() + 4);
+            &statement[..statement.len() - declaration]
+        })
+        .collect();
+    let is_of_path = |c: char| c.is_alphanumeric() || c == '_' || c == ':';
+    let words = code.iter().flat_map(|statement| statement.split(move |c| !is_of_path(c)));
+    let paths = words.filter(|word| word.trim_matches(':').contains("::"));
+    paths.map(|path| path.split("::").map(str::to_owned).collect()).collect()
+}
+
+/// The modules of a crate: their text, and what they re-export.
+struct Crate {
+    modules: BTreeMap<Module, String>,
+    exports: BTreeMap<(Module, String), Module>,
+}
+
+impl Crate {
+    fn new(modules: BTreeMap<Module, String>) -> Self {
+        let mut known = Self { modules, exports: BTreeMap::new() };
+        for (module, text) in &known.modules {
+            for path in declarations(text).filter(|(_, is_public)| *is_public).flat_map(|(d, _)| paths(d)) {
+                if let (Some(target), Some(name)) = (known.absolute(module, &path), path.last()) {
+                    known.exports.insert((module.clone(), name.clone()), target);
+                }
+            }
         }
-        if !target.starts_with(module) && !module.starts_with(&target) {
-            found.insert(target);
+        known
+    }
+
+    /// A path in a module as a path from the root; `None` if it leads into another crate.
+    fn absolute(&self, module: &[String], path: &[String]) -> Option<Module> {
+        let ups = path.iter().take_while(|name| *name == "super").count();
+        let is_child =
+            |name: &String| self.modules.contains_key(&[module, std::slice::from_ref(name)].concat());
+        match path.first() {
+            Some(first) if first == "crate" => Some(path[1..].to_vec()),
+            Some(first) if first == "self" => Some([module, &path[1..]].concat()),
+            Some(_) if ups > 0 => {
+                Some([&module[..module.len() - ups.min(module.len())], &path[ups..]].concat())
+            }
+            Some(first) if is_child(first) => Some([module, path].concat()),
+            _ => None,
         }
     }
-    found
+
+    /// The module in which what a path names is defined, whoever exports it again.
+    fn home(&self, path: &[String]) -> Module {
+        let mut at = Module::new();
+        for (k, name) in path.iter().enumerate() {
+            let inner = [&at[..], std::slice::from_ref(name)].concat();
+            if self.modules.contains_key(&inner) {
+                at = inner;
+                continue;
+            }
+            return match self.exports.get(&(at.clone(), name.clone())) {
+                Some(target) if *target != inner => self.home(&[&target[..], &path[k + 1..]].concat()),
+                _ => at,
+            };
+        }
+        at
+    }
+
+    /// The other modules that a module uses: by declarations other than re-exports, and by paths in its code. A parent is a user of its
+    /// children like any other module; what a module uses of those around it does not count.
+    fn uses(&self, module: &Module, text: &str) -> BTreeSet<Module> {
+        let (mut found, mut imported) = (BTreeSet::new(), BTreeMap::new());
+        for path in declarations(text).filter(|(_, is_public)| !is_public).flat_map(|(d, _)| paths(d)) {
+            let Some(mut target) = self.absolute(module, &path) else { continue };
+            if target.last().is_some_and(|name| name == "self") {
+                target.pop();
+            }
+            let home = self.home(&target);
+            match target.last() {
+                // The module itself is used where its name stands in the code.
+                Some(name) if home.last() == Some(name) => drop(imported.insert(name.clone(), home)),
+                _ => drop(found.insert(home)),
+            }
+        }
+        for path in paths_in_code(text) {
+            let target = match imported.get(&path[0]) {
+                Some(of_import) => Some([of_import, &path[1..]].concat()),
+                None => self.absolute(module, &path),
+            };
+            found.extend(target.map(|target| self.home(&target)));
+        }
+        found.retain(|target| target != module && !module.starts_with(target));
+        found
+    }
+
+    fn graph(&self) -> BTreeMap<Module, BTreeSet<Module>> {
+        self.modules.iter().map(|(module, text)| (module.clone(), self.uses(module, text))).collect()
+    }
 }
 
 /// A circle of uses that leads from a module back to itself.
@@ -218,9 +303,7 @@ fn circle(from: &Module, graph: &BTreeMap<Module, BTreeSet<Module>>) -> Option<V
 #[test]
 fn no_file_uses_another_in_a_circle() {
     for (name, _) in MAY_USE {
-        let known = modules(&workspace().join(name).join("src"));
-        let graph: BTreeMap<Module, BTreeSet<Module>> =
-            known.iter().map(|(module, text)| (module.clone(), uses(module, text, &known))).collect();
+        let graph = Crate::new(modules(&workspace().join(name).join("src"))).graph();
         for module in graph.keys() {
             let found = circle(module, &graph).map(|circle| {
                 circle.iter().rev().map(|module| module.join("::")).collect::<Vec<_>>().join(" uses ")
@@ -230,22 +313,42 @@ fn no_file_uses_another_in_a_circle() {
     }
 }
 
+/// The circle from a module of an invented crate.
+fn circle_in(from: &str, files: &[(&str, &str)]) -> Option<usize> {
+    let module =
+        |path: &str| path.split("::").filter(|n| !n.is_empty()).map(str::to_owned).collect::<Module>();
+    let modules = files.iter().map(|(path, text)| (module(path), (*text).to_owned())).collect();
+    circle(&module(from), &Crate::new(modules).graph()).map(|circle| circle.len() - 1)
+}
+
 #[test]
 fn circles_are_found() {
-    let text = |of: &[(&str, &str)]| -> BTreeMap<Module, String> {
-        let module = |path: &str| path.split("::").filter(|n| !n.is_empty()).map(str::to_owned).collect();
-        of.iter().map(|(path, text)| (module(path), (*text).to_owned())).collect()
-    };
-    let known = text(&[
+    let files = [
         ("", ""),
-        ("a", "use crate::{b::Thing, c};"),
-        ("b", "pub use crate::c::d::Other;"),
-        ("c", ""),
-        ("c::d", "use super::super::a;\nfn f() {}"),
-    ]);
-    let graph: BTreeMap<Module, BTreeSet<Module>> =
-        known.iter().map(|(module, text)| (module.clone(), uses(module, text, &known))).collect();
-    let found = circle(&vec!["a".to_owned()], &graph).unwrap();
-    assert_eq!(found.len(), 3 + 1, "{found:?}");
-    assert_eq!(circle(&vec!["c".to_owned()], &graph), None);
+        ("a", "use crate::{b::Thing, c};\nfn g() { c::f() }"),
+        ("b", "pub use crate::c::d::Other;\nuse crate::c::d;\nfn g() { d::f() }"),
+        ("c", "fn f() {}"),
+        ("c::d", "use super::super::a;\nfn f() { a::g() }"),
+    ];
+    assert_eq!(circle_in("a", &files), Some(3));
+    assert_eq!(circle_in("c", &files), None);
+    // A parent uses its child, and another file what the parent defines.
+    let parent = [
+        ("p", "fn f() { child::g() }"),
+        ("p::child", "use crate::q;\nfn g() { q::h() }"),
+        ("q", "use crate::p::f;"),
+    ];
+    assert_eq!(circle_in("p", &parent), Some(3));
+    // It only exports the child again: who uses that uses the child.
+    let exports = [("p", "pub use child::g;"), ("p::child", "use crate::q::h;"), ("q", "use crate::p::g;")];
+    assert_eq!(circle_in("p", &exports), None);
+    assert_eq!(circle_in("q", &exports), Some(2));
+}
+
+#[test]
+fn arguments_are_of_the_command_alone() {
+    for (name, _) in MAY_USE.iter().filter(|(name, _)| *name != "experiments") {
+        let manifest = fs::read_to_string(workspace().join(name).join("Cargo.toml")).unwrap();
+        assert!(!manifest.lines().any(|line| line.starts_with("clap")), "{name} depends on clap");
+    }
 }

@@ -93,6 +93,7 @@ pub struct RedStop {
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
+    use sage_core::geometry::OrientedBox;
 
     use super::*;
 

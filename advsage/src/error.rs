@@ -80,8 +80,12 @@ impl Error {
 
 /// A cause as an error of a type, also where it is wrapped in an [`Error`].
 pub fn as_cause<'e, T: StdError + 'static>(cause: &'e (dyn StdError + 'static)) -> Option<&'e T> {
-    let below = cause.downcast_ref::<Error>().and_then(Error::below);
-    cause.downcast_ref().or_else(|| below?.downcast_ref())
+    // A source in a box has the type of the box.
+    let boxed = || cause.downcast_ref::<Box<Error>>().map(|error| &**error);
+    let own = cause.downcast_ref::<Error>().or_else(boxed);
+    let own_as_cause = own.map(|error| error as &(dyn StdError + 'static));
+    let all = [Some(cause), own_as_cause, own.and_then(Error::below)];
+    all.into_iter().flatten().find_map(|error| error.downcast_ref())
 }
 
 /// True if a cause says that the two cars of a scene touch *now*, so that no attack can be measured.

@@ -156,7 +156,7 @@ fn kind<'e>(cause: &'e (dyn std::error::Error + 'static)) -> Kind<'e> {
     if let Some(error) = cause.downcast_ref() {
         return of_simulation(error);
     }
-    if let Some(error) = cause.downcast_ref() {
+    if let Some(error) = advsage::as_cause(cause) {
         return of_facade(error);
     }
     cause.downcast_ref().map_or(Kind::Other, |error| Kind::File(None, error))

@@ -25,7 +25,6 @@ pub mod scenario_files;
 pub mod search;
 pub mod searched_attacker;
 pub mod selection;
-pub mod selection_outcome;
 pub mod weights;
 
 pub use error::{Error, Result, as_cause, is_contact_now};

@@ -3,6 +3,7 @@
 pub mod attack;
 pub mod contact;
 pub mod drive;
+mod drive_panel;
 pub mod found_attack;
 pub mod plan;
 pub mod search;

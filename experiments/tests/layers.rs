@@ -25,10 +25,11 @@ const MAY_USE: [(&str, &[&str]); 14] = [
             "sage-merging",
             "sage-generators",
             "sage-sim",
+            "sage-view",
             "sage-weights",
         ],
     ),
-    ("sage-view", &["sage-core", "sage-sim", "advsage"]),
+    ("sage-view", &["sage-core", "sage-sim"]),
     (
         "sage-run",
         &[

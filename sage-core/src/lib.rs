@@ -31,6 +31,7 @@ pub mod preference_pairs;
 pub mod registry;
 pub mod scene;
 pub mod seed;
+pub mod selection_outcome;
 pub mod statistics;
 pub mod text;
 

@@ -31,7 +31,7 @@ use sage_sim::{
 };
 use sage_view::{
     drawing::{self, Picture, drawn_path},
-    player::{self, Panel},
+    player,
 };
 use serde_json::{Map, Value};
 
@@ -111,8 +111,8 @@ impl DriveResult<'_> {
         let logged = self.scene.adversary.map(|k| &self.scene.tracks[k]);
         let adversary = plan.as_ref().map(|plan| &plan.motion).or(logged);
         let unattacked = self.attack.map(|attack| player::shown_part(attack.before));
-        let panel = Panel::of_drive(&row, self.ego.to_owned(), self.episode, adversary, unattacked);
-        player::page(self.scene, [self.name, ""], &[panel], &[], 1, None)
+        let panel = row.panel(self.ego.to_owned(), self.episode, adversary, unattacked);
+        Ok(player::page(self.scene, [self.name, ""], &[panel], &[], 1, None)?)
     }
 }
 

@@ -2,11 +2,9 @@
 
 mod glossary;
 
-use anyhow::{Result, anyhow};
-use serde::Serialize;
-use serde_json::Value;
-
 use sage_core::text::escaped_html;
+use serde::{Serialize, ser::Error as _};
+use serde_json::{Result, Value};
 
 /// What pages begin with: no page loads anything from elsewhere.
 const HEAD: &str = include_str!("html_page/head.html");
@@ -34,7 +32,7 @@ pub fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> Result<
         let (middle, tail) = rest.split_once("{{DATA}}")?;
         Some([head, &title, middle, data, tail].concat())
     });
-    parts.ok_or_else(|| anyhow!("the page has no place for its title or data"))
+    parts.ok_or_else(|| serde_json::Error::custom("the page has no place for its title or data"))
 }
 
 /// The data of a page that [`assembled`] made; `None` if there are none.

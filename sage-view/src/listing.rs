@@ -3,8 +3,8 @@
 pub mod car;
 pub mod road;
 
-use anyhow::Result;
 use serde::Serialize;
+use serde_json::Result;
 
 use crate::html_page;
 use road::RoadLine;

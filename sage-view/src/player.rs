@@ -3,16 +3,14 @@
 //! The page holds the map around the drives, the traffic, and each drive, as integers: centimetres,
 //! milliradians, centimetres per second, each as the difference to the number before. It needs no network.
 
-mod drive_panel;
 mod encoding;
 pub mod map;
 
-use advsage::selection_outcome::{CandidateKind, Mark};
-use anyhow::Result;
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point},
     motion::{DT, NOW},
     scene::{Scene, Track, TrackKind},
+    selection_outcome::{CandidateKind, Mark},
 };
 use sage_sim::{
     body::BodyShape,
@@ -22,6 +20,7 @@ use sage_sim::{
     vehicle::Motion,
 };
 use serde::Serialize;
+use serde_json::Result;
 
 use crate::html_page;
 use encoding::{EncodedBody, FrameState};

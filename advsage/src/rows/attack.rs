@@ -5,13 +5,12 @@ use std::num::NonZeroUsize;
 use sage_core::{
     motion::Trajectory,
     objective::{Scores, Violation},
+    selection_outcome::{CandidateCounts, SelectionOutcome},
     text::escaped_name,
 };
 use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Serialize;
 use serde_json::{Map, Value, value::RawValue};
-
-use crate::selection_outcome::{CandidateCounts, SelectionOutcome};
 
 /// One attack, as its file records it.
 #[derive(Serialize)]

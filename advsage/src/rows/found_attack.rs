@@ -7,13 +7,13 @@ use sage_core::{
     generator::Note,
     motion::Trajectory,
     objective::{Reason, Scores},
+    selection_outcome::{CandidateCounts, SelectionOutcome},
     text::escaped_name,
 };
 use sage_sim::{avoidable::Avoidable, reference::Answer};
 use serde::Deserialize;
 
 use super::{ROW_LIMIT, attack::VariantRow};
-use crate::selection_outcome::{CandidateCounts, SelectionOutcome};
 
 /// A row holds all but its candidates within this many bytes.
 const HEAD: u64 = 1 << 16;

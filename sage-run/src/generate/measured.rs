@@ -1,11 +1,12 @@
 //! What is measured of a scene's attacks.
 
-use advsage::{
-    ego::Ego,
+use advsage::ego::Ego;
+use anyhow::Result;
+use sage_core::{
+    generator::Attack,
+    objective::Context,
     selection_outcome::{CandidateCounts, SelectionOutcome},
 };
-use anyhow::Result;
-use sage_core::{generator::Attack, objective::Context};
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,

@@ -2,15 +2,13 @@
 
 use std::collections::{HashMap, hash_map::Entry};
 
-use advsage::{
-    rows::attack::CandidateRow,
-    selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome},
-};
+use advsage::rows::attack::CandidateRow;
 use anyhow::{Context as _, Result};
 use sage_core::{
     generator::{Attack, Proposal},
     motion::Trajectory,
     objective::{Context, Objective, Scorer, Scores, Violation},
+    selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome},
 };
 use sage_sim::avoidable::{Avoidable, Avoidance};
 use serde_json::value::{RawValue, to_raw_value};

@@ -3,9 +3,8 @@
 use advsage::{
     operating_point::OperatingPointSpec,
     rows::{attack::prevented, found_attack::FoundRow},
-    selection_outcome::SelectionOutcome,
 };
-use sage_core::text::table::Table;
+use sage_core::{selection_outcome::SelectionOutcome, text::table::Table};
 
 use super::plan::Plan;
 

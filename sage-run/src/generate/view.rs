@@ -91,7 +91,7 @@ impl SceneView<'_> {
         }
         let generator = &self.plan.generator;
         let subtitle = format!("attacks by {}", generator.spec.method);
-        player::page(scene, [self.name, &subtitle], &panels, &paths.all, MOST_BESIDE, Some(INDEX))
+        Ok(player::page(scene, [self.name, &subtitle], &panels, &paths.all, MOST_BESIDE, Some(INDEX))?)
     }
 
     fn drawn(&self) -> Vec<DrawnPath> {

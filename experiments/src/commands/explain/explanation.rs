@@ -1,10 +1,10 @@
 //! Why the selected candidate of a generator is an attack, or why it is none.
 
-use advsage::selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome};
 use sage_core::{
     generator::{Attack, Proposal},
     motion::Trajectory,
     objective::{Context, Evaluation, Objective, Reason, Scorer},
+    selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome},
 };
 use serde::Serialize;
 

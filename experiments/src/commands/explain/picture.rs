@@ -1,12 +1,12 @@
 //! The candidates of a selection from above: by what they do, the selected one in front.
 
-use advsage::selection_outcome::CandidateKind;
 use sage_core::{
     generator::{Attack, Proposal},
     geometry::OrientedBox,
     motion::NOW,
     objective::Context,
     scene::Scene,
+    selection_outcome::CandidateKind,
 };
 use sage_view::drawing::{self, DrawnPath, Outcome, Picture, Tried, drawn_path};
 

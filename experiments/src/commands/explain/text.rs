@@ -1,7 +1,6 @@
 //! An explanation as text.
 
-use advsage::selection_outcome::SelectionOutcome;
-use sage_core::{text::table::Table, text::wrap::wrapped};
+use sage_core::{selection_outcome::SelectionOutcome, text::table::Table, text::wrap::wrapped};
 use sage_run::terminal;
 
 use super::explanation::{Explanation, ValuedCandidate};

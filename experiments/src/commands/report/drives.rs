@@ -45,7 +45,7 @@ pub(super) fn page(
         parts.iter().zip(entries).map(|(part, entry)| panel(part, entry, &unattacked)).collect();
     let back = format!("../{FILE}");
     let titles = [row.scene(), &format!("failures of {}", without_folders(row.ego()))];
-    player::page(scene.scene(), titles, &panels, &[], COLUMNS, Some(&back))
+    Ok(player::page(scene.scene(), titles, &panels, &[], COLUMNS, Some(&back))?)
 }
 
 fn panel<'p>(part: &'p Parts, entry: &Entry, unattacked: &'p [Motion]) -> Panel<'p> {

@@ -217,9 +217,7 @@ impl SceneDrives<'_> {
         let sweep = driven.swept.filter(|_| is_sweep);
         let sweep = sweep.map(|(axis, value)| Sweep { group: driven.ego, axis, value });
         Some(match &driven.result {
-            DriveResult::Driven(episode, row) => {
-                Panel { sweep, ..Panel::of_drive(row, name, episode, own, unattacked) }
-            }
+            DriveResult::Driven(episode, row) => Panel { sweep, ..row.panel(name, episode, own, unattacked) },
             DriveResult::Failed(failure) => {
                 let drive = failure.drive.as_deref()?;
                 Panel {

@@ -1,22 +1,23 @@
 //! The panel of a drive.
 
-use advsage::rows::drive::DriveRow;
 use sage_core::scene::Track;
 use sage_sim::{episode::Episode, vehicle::Motion};
 
-use super::{Meeting, Panel, shown_part};
+use sage_view::player::{Meeting, Panel, shown_part};
 
-impl<'p> Panel<'p> {
-    /// The drive of a row; `unattacked` is the drive without the attack.
-    pub fn of_drive(
-        row: &'p DriveRow,
+use super::drive::DriveRow;
+
+impl DriveRow {
+    /// The drive of this row on a page; `unattacked` is the drive without the attack.
+    pub fn panel<'p>(
+        &'p self,
         name: String,
         episode: &'p Episode,
         adversary: Option<&'p Track>,
         unattacked: Option<&'p [Motion]>,
-    ) -> Self {
-        let attack = row.attack.as_ref();
-        Self {
+    ) -> Panel<'p> {
+        let attack = self.attack.as_ref();
+        Panel {
             name,
             id: String::new(),
             sweep: None,
@@ -26,17 +27,17 @@ impl<'p> Panel<'p> {
             contact: episode.first_contacts().next().map(Meeting::from),
             adversary,
             unattacked,
-            evasion: row.contacts.first().and_then(|contact| {
+            evasion: self.contacts.first().and_then(|contact| {
                 let step = usize::try_from(contact.step).ok()?;
                 Some(attack?.avoidable.evasion(step)?.1)
             }),
-            verdict: row.verdict().map(|verdict| verdict.is_attack),
+            verdict: self.verdict().map(|verdict| verdict.is_attack),
             is_failed: false,
             others: Vec::new(),
             marks: Vec::new(),
             badge: None,
-            note: row.note(),
-            ending: row.ending(),
+            note: self.note(),
+            ending: self.ending(),
         }
     }
 }

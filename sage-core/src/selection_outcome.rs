@@ -2,13 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use sage_core::{
+use serde::{Deserialize, Serialize};
+
+use crate::{
     geometry::{OrientedBox, Point, distance, sub},
     motion::{NOW, Trajectory},
     objective::{Candidate, Context, Reason, Violation},
     scene::Scene,
 };
-use serde::{Deserialize, Serialize};
 
 /// What came of a selection. The names are those of `sage search`, where it has the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -37,6 +37,13 @@ pub struct Ego {
 }
 
 impl Ego {
+    /// Builds a policy from a name, such as `idm`, `td3{"file": "driver.safetensors"}` or `cmd:COMMAND`.
+    ///
+    /// *Errors*: as [`Ego::new`]; a text that is no name.
+    pub fn named(name: &str, registries: &Registries) -> Result<Self> {
+        Self::new(&name.parse().map_err(Error::Value)?, registries)
+    }
+
     /// Builds the policy.
     ///
     /// *Errors*: the name is not registered, or the policy refuses the options.

@@ -1,8 +1,50 @@
-//! Adversarial traffic scenes: what a Rust program needs to attack a scene, drive it and search for failures.
+//! Adversarial traffic scenes: what a Rust program needs to attack a scene, drive it and search for failures. It is the one dependency
+//! of such a program; the crates below are [`core`](sage_core), [`data`](sage_data), [`sim`](sage_sim) and [`view`](sage_view), and what
+//! is needed of them stands at the root.
 //!
-//! Names become parts: [`Registries`] hold them, [`part`] reads them, [`weights`] finds experts, [`operating_point`] says how
-//! aggressive, [`selection`] what is preferred. [`generators`] attack ([`named_generator`]: by name), [`ego`] drives, with
-//! [`references`] that say whether a contact is preventable, and [`search`] searches ([`named_search`]: by name).
+//! ```
+//! use std::{path::Path, sync::Arc};
+//!
+//! use advsage::{
+//!     Against, DriverInScene, Ego, GeneratorSpec, Prepared, Recording, Registries, SearchOptions, SearchSpec,
+//! };
+//!
+//! # fn main() -> advsage::Result<()> {
+//! # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl");
+//! # let file = Path::new(file);
+//! // Names become parts: a scene, a generator, a driver.
+//! let registries = Registries::shipped()?;
+//! let scene = Arc::new(Recording::read(file)?.scene);
+//! let sage = GeneratorSpec::default().build(&registries)?;
+//! let idm = Ego::named("idm", &registries)?;
+//!
+//! // An attack on the recorded ego.
+//! let recorded = Prepared::recorded(&scene)?;
+//! let attack = sage.attacks(&recorded.ctx, Against::Recording)?.remove(0);
+//! assert_eq!(attack.trajectory().points().len(), 80);
+//!
+//! // An attack on a driver, who drives the scene first without it and then against it.
+//! let driven = DriverInScene::of(&scene, &idm, 0)?;
+//! let attack = sage.attacks(&driven.ctx, Against::Driver(&driven.test))?.remove(0);
+//! let outcome = driven.drive(&attack)?;
+//! println!("attack: {}, contacts: {}", outcome.verdict.attack, outcome.episode.contacts.len());
+//!
+//! // Many plans, to find one that the driver fails at.
+//! let search = SearchSpec::default().build(&registries, |_| {})?;
+//! let options = SearchOptions { budget: 8, ..SearchOptions::default() };
+//! let (_, found) = search.search(&driven, &options, 0)?;
+//! println!("{} failures in {} drives", found.failures.len(), found.driven.len());
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! - [`Registries`] hold all parts; a part of your own is added with `with`. [`part`] reads names with options, [`weights`] finds experts,
+//!   [`operating_point`] says how aggressive, [`selection`] what is preferred.
+//! - [`prepared`] makes a scene ready to be attacked. [`named_generator`] builds a generator from names, [`generators`] from parts;
+//!   [`latest_start`] chooses by the time that is left to evade.
+//! - [`ego`] builds drivers, with [`references`] that say whether a contact is preventable. [`named_search`] and [`search`] find what they
+//!   fail at.
+//! - [`rows`] are results as files hold them, [`attacked_files`] and [`scenario_files`] the scenes of attacks.
 
 pub mod attacked_files;
 pub mod dial;
@@ -27,6 +69,26 @@ pub mod searched_attacker;
 pub mod selection;
 pub mod weights;
 
+pub use ego::Ego;
 pub use error::{Error, Result, as_cause, is_contact_now};
+pub use generators::Against;
 pub use learned_criticality::{LearnedCriticality, LearnedCriticalityOptions};
+pub use named_generator::{GeneratorSpec, NamedGenerator};
+pub use named_search::{NamedSearch, SearchSpec};
+pub use operating_point::OperatingPoints;
+pub use part::{Part, PolicyPart};
+pub use prepared::{DriverInScene, Prepared};
 pub use registries::Registries;
+
+pub use sage_core::{
+    self,
+    generator::Attack,
+    objective::{Context, Scorer},
+    scene::Scene,
+};
+pub use sage_data::{self, ReadOptions, Recording};
+pub use sage_sim::{self, attack_test::AttackOutcome, search::SearchOptions};
+pub use sage_view::{
+    self,
+    drawing::{Picture, draw, drawn_path},
+};

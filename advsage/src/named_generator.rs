@@ -1,14 +1,18 @@
 //! A generator as a user names it, with all that it is built from: options, selection, merger, weights and operating points.
 
-use sage_core::objective::FurtherMeasures;
+use sage_core::{
+    generator::Attack,
+    objective::{Context, FurtherMeasures},
+};
 use sage_generators::Facts;
 use serde_json::{Map, Value, json};
 
 use crate::{
     Error, Registries, Result, dial,
-    generators::{BuiltGenerator, Generators, weight_hashes},
+    generators::{Against, BuiltGenerator, Generators, weight_hashes},
     operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
+    search::SAGE,
     selection::Selection,
     weights::NamedExperts,
 };
@@ -66,7 +70,29 @@ pub struct CheckedGenerator<'r> {
     pub note: Option<&'static str>,
 }
 
+impl Default for GeneratorSpec {
+    /// `sage` at λ = 1 with the default weights.
+    fn default() -> Self {
+        Self {
+            method: Part::named(SAGE),
+            selection: "natural".to_owned(),
+            feasibility: None,
+            merger: Part::named("linear"),
+            weights: None,
+            points: OperatingPoints::default(),
+            seed: 0,
+        }
+    }
+}
+
 impl GeneratorSpec {
+    /// Checks everything, loads weights and builds the generator.
+    ///
+    /// *Errors*: as [`GeneratorSpec::checked`] and [`CheckedGenerator::build`].
+    pub fn build(self, registries: &Registries) -> Result<NamedGenerator> {
+        self.checked(registries)?.build(|_| {})
+    }
+
     /// Checks everything but the weights.
     ///
     /// *Errors*: an option is out of range, names an unknown part, or is given twice.
@@ -140,6 +166,15 @@ impl CheckedGenerator<'_> {
 }
 
 impl NamedGenerator {
+    /// Its attacks in a scene that is ready, one for each operating point.
+    ///
+    /// *Errors*: those of the generator and of the driver.
+    pub fn attacks(&self, ctx: &Context, against: Against) -> Result<Vec<Attack>> {
+        let attacks = self.built.attacks(ctx, against, self.spec.seed)?;
+        attacks.iter().try_for_each(|attack| attack.check(ctx.scene()))?;
+        Ok(attacks)
+    }
+
     /// Name of the weights; `None` for a generator without experts.
     pub fn weights_name(&self) -> Option<&str> {
         self.weights.as_ref().map(|weights| &*weights.name)

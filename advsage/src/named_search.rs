@@ -1,12 +1,15 @@
 //! A search as a user names it, with all that its plans are built from.
 
 use sage_generators::Facts;
+use sage_sim::search::{MOST_PLANS, Pool, SearchOptions, SearchResult};
 
 use crate::{
     Registries, Result, dial,
     generators::Generators,
+    named_generator::GeneratorSpec,
     operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
+    prepared::DriverInScene,
     search::{self, POOL, PlanSources},
     selection::Selection,
     weights::NamedExperts,
@@ -51,6 +54,15 @@ pub struct NamedSearch {
     pub notes: Vec<String>,
 }
 
+impl Default for SearchSpec {
+    /// The pool that `sage search` proposes.
+    fn default() -> Self {
+        let GeneratorSpec { selection, feasibility, merger, weights, points, seed, .. } =
+            GeneratorSpec::default();
+        Self { method: None, selection, feasibility, merger, weights, points, plans: MOST_PLANS, seed }
+    }
+}
+
 impl SearchSpec {
     /// Checks everything, loads weights and builds the generators. `loaded` is told of the weights before they are used.
     ///
@@ -91,6 +103,18 @@ impl SearchSpec {
 }
 
 impl NamedSearch {
+    /// Searches a scene for plans that its driver fails at.
+    ///
+    /// *Errors*: those of the generators; an error of the driver before the first attack.
+    pub fn search(
+        &self,
+        driver: &DriverInScene,
+        options: &SearchOptions,
+        seed: u64,
+    ) -> Result<(Pool, SearchResult)> {
+        self.plans.search(&driver.test, &driver.ctx, &self.rule.objective, options, seed)
+    }
+
     /// Name of the plans in rows and tables.
     pub fn method(&self) -> String {
         self.method.as_ref().map_or(POOL.to_owned(), |(method, _)| method.to_string())

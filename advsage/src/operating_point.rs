@@ -144,6 +144,11 @@ pub struct OperatingPoints {
 }
 
 impl OperatingPoints {
+    /// The points at some values of λ.
+    pub fn of_lambda(lambda: impl Into<Vec<f64>>) -> Self {
+        Self { lambda: lambda.into(), ..Self::default() }
+    }
+
     /// True if there are none.
     pub fn is_empty(&self) -> bool {
         self.aggression.is_empty() && self.mix.is_empty() && self.lambda.is_empty()

@@ -4,12 +4,17 @@ use std::sync::Arc;
 
 use sage_core::{
     Error as CoreError,
-    objective::{Context, ContextOptions},
+    generator::Attack,
+    objective::{Context, ContextOptions, Scorer},
     scene::{Scene, SceneIndex},
 };
-use sage_sim::{SimScene, attack_test::AttackTest, policy::EgoPolicy};
+use sage_sim::{
+    SimScene,
+    attack_test::{AttackOutcome, AttackTest},
+    policy::EgoPolicy,
+};
 
-use crate::{Error, Result, generators::Against};
+use crate::{Error, Result, ego::Ego, generators::Against};
 
 /// The recording of a scene, ready to be attacked.
 ///
@@ -59,6 +64,13 @@ impl<'d> Prepared<'d> {
         Ok(Self { test: Some(test), ctx })
     }
 
+    /// The recorded ego of a scene.
+    ///
+    /// *Errors*: as [`recording`].
+    pub fn recorded(scene: &Arc<Scene>) -> Result<Self> {
+        Ok(Self { test: None, ctx: recording(scene, &SceneIndex::new(scene.map.clone()))? })
+    }
+
     /// Whom an attack on it is against.
     pub fn against(&self) -> Against<'_> {
         self.test.as_ref().map_or(Against::Recording, Against::Driver)
@@ -87,6 +99,24 @@ impl<'d> DriverInScene<'d> {
         scene.scene().attackable_horizon()?;
         scene.scene().check_apart_now()?;
         Self::of_test(test(scene)?)
+    }
+
+    /// Lets a driver drive a scene without an attack.
+    ///
+    /// *Errors*: as [`DriverInScene::new`].
+    pub fn of(scene: &Arc<Scene>, driver: &'d Ego, seed: u64) -> Result<Self> {
+        let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+        Self::new(&simulated, |scene| driver.test(scene, seed))
+    }
+
+    /// Lets it drive again, against an attack.
+    ///
+    /// *Errors*: an attack that the adversary cannot begin; the driver cannot go on.
+    pub fn drive(&self, attack: &Attack) -> Result<AttackOutcome> {
+        let path = self.test.path_of(attack)?;
+        let candidate = self.ctx.candidate(path.trajectory.clone());
+        let is_feasible = Scorer::new(&self.ctx).scores(&candidate).feasible;
+        Ok(self.test.attack_along(path, is_feasible)?)
     }
 
     /// The same of a driver that has driven, in any recording.

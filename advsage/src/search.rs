@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Generators of the default pool.
-const SAGE: &str = "sage";
+pub(crate) const SAGE: &str = "sage";
 const RANDOM: &str = "random";
 /// Plans that the experts propose at each operating point of the pool.
 const CANDIDATES: usize = 64;

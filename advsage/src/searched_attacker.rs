@@ -47,12 +47,11 @@ impl SearchedAttacker {
         let wrong = |problem: String| Error::Plan { scene: id.clone(), problem };
         let search = || -> Result<Vec<Arc<Plan>>> {
             let again = SimScene::new(scene.scene().clone(), scene.index().clone())?;
-            let DriverInScene { test, ctx } = DriverInScene::new(&again, |scene| {
+            let driver = DriverInScene::new(&again, |scene| {
                 let test = AttackTest::new(&*self.policy, scene, self.seed)?;
                 Ok::<_, Error>(test.with_references(&self.references))
             })?;
-            let rule = &self.search.rule.objective;
-            let (pool, result) = self.search.plans.search(&test, &ctx, rule, &self.options, self.seed)?;
+            let (pool, result) = self.search.search(&driver, &self.options, self.seed)?;
             let plans = result.failures.iter().map(|failure| {
                 let plan = &pool.plans[result.driven[failure.drive].plan];
                 Ok(Arc::new(Plan::of_adversary(scene.scene(), plan.candidate.trajectory())?))

@@ -1,4 +1,4 @@
-//! `examples/own-crate`: parts in a crate outside the workspace.
+//! `examples/own-crate`: parts in a crate outside the workspace. `examples/library`: a program that depends on `advsage` alone.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -23,15 +23,15 @@ fn copy_crate(from: &Path, to: &Path) {
     }
 }
 
-/// The program of `examples/own-crate`, built from a copy elsewhere.
+/// The program of a folder in `examples`, built from a copy elsewhere.
 ///
 /// Versions, profile and target folder are those of this workspace, so that the crates of others are there already. cargo
 /// builds those of `sage` again, because a path outside the workspace is another crate than a member. Without optimisation
 /// that takes half a minute instead of minutes.
-fn build_template(folder: &Path) -> PathBuf {
+fn build_template(name: &str, folder: &Path) -> PathBuf {
     let project = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    let copy = folder.join("own-crate");
-    copy_crate(&project.join("examples/own-crate"), &copy);
+    let copy = folder.join(name);
+    copy_crate(&project.join("examples").join(name), &copy);
     let manifest = fs::read_to_string(copy.join("Cargo.toml")).unwrap();
     fs::write(copy.join("Cargo.toml"), manifest.replace("../..", text(project))).unwrap();
     fs::copy(project.join("Cargo.lock"), copy.join("Cargo.lock")).unwrap();
@@ -53,13 +53,16 @@ fn build_template(folder: &Path) -> PathBuf {
     }
     let output = build.output().unwrap();
     let said = stderr(&output);
-    assert!(output.status.success() && !said.contains("`own-crate` (bin"), "an error or a warning:\n{said}");
-    let is_ours = |line: &&str| line.contains(text(project)) || line.contains("own-crate");
+    assert!(
+        output.status.success() && !said.contains(&format!("`{name}` (bin")),
+        "an error or a warning:\n{said}"
+    );
+    let is_ours = |line: &&str| line.contains(text(project)) || line.contains(text(folder));
     let others: Vec<&str> =
         said.lines().filter(|line| line.contains("Compiling") && !is_ours(line)).collect();
     // In the profile `dev` of the whole workspace it is one: a build dependency with less debug information.
     assert!(others.len() < 5, "built again, which may take minutes:\n{}", others.join("\n"));
-    built.join("own-crate")
+    built.join(name)
 }
 
 fn crossing() -> String {
@@ -69,7 +72,7 @@ fn crossing() -> String {
 #[test]
 fn a_copy_of_the_template_has_all_commands_and_its_own_parts() {
     let folder = tempfile::tempdir().unwrap();
-    let program = build_template(folder.path());
+    let program = build_template("own-crate", folder.path());
     assert_snapshot!(added(&program, &["list"]), @r"
     speed-up               how much faster the adversary is at the end
     steady                 constant speed along the route, brakes for nobody
@@ -82,4 +85,18 @@ fn a_copy_of_the_template_has_all_commands_and_its_own_parts() {
     let simulate = ["simulate", &example(), "--ego", r#"steady{"speed":4}"#, "--out", text(&drives)];
     let done = run(&program, &simulate);
     assert_snapshot!(stdout(&done).split(" (").next().unwrap(), @r#"crossing steady{"speed":4}: no contact"#);
+}
+
+#[test]
+fn a_program_that_depends_on_advsage_alone_reads_attacks_drives_searches_and_draws() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = build_template("library", folder.path());
+    let drawing = folder.path().join("attacks.svg");
+    let done = run(&program, &[&example(), text(&drawing)]);
+    assert_snapshot!(stdout(&done), @"");
+    let svg = fs::read_to_string(&drawing).unwrap();
+    assert!(["0.00", "0.50", "1.00"].iter().all(|label| svg.contains(label)), "a candidate is missing");
+    let lines =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/library/src/main.rs"));
+    assert!(lines.unwrap().lines().count() <= 40);
 }

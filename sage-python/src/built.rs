@@ -24,7 +24,7 @@ impl Built {
     ///
     /// *Errors*: an option is out of range or names an unknown part; weights cannot be used.
     pub(crate) fn new(spec: GeneratorSpec) -> Result<Self> {
-        Ok(Self { named: spec.checked(registries()?)?.build(|_| {})? })
+        Ok(Self { named: spec.build(registries()?)? })
     }
 
     /// Attacks a scene. Returns the scene as the generator saw it, with the driver's unattacked drive in place of the ego's

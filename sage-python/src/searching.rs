@@ -43,12 +43,11 @@ impl Searcher {
     /// The rows of a scene: its own, and one for each failure.
     fn search(&self, scene: &SceneData) -> Result<(Value, Vec<Value>)> {
         let simulated = SimScene::new(scene.scene.clone(), scene.index.clone())?;
-        let DriverInScene { test, ctx } = DriverInScene::new(&simulated, |scene| {
+        let driver = DriverInScene::new(&simulated, |scene| {
             let test = AttackTest::new(&*self.driver.policy, scene, self.seed)?;
             Ok::<_, Error>(test.with_references(&self.driver.references))
         })?;
-        let rule = &self.named.rule.objective;
-        let found = self.named.plans.search(&test, &ctx, rule, &self.options, self.seed)?;
+        let found = self.named.search(&driver, &self.options, self.seed)?;
         let (pool, result) = (&found.0, &found.1);
         if result.reason == Some(Reason::Error) {
             let first = result.driven.first().and_then(|driven| driven.error.clone()).unwrap_or_default();
@@ -61,12 +60,12 @@ impl Searcher {
             }
             .into());
         }
-        let names = [&*scene.name, &self.driver.label, &ctx.adversary().id];
+        let names = [&*scene.name, &self.driver.label, &driver.ctx.adversary().id];
         search_rows(
             names,
             self.seed,
             self.options.require,
-            test.unattacked(),
+            driver.test.unattacked(),
             (pool, result),
             &self.named.plans,
         )

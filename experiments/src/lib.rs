@@ -2,7 +2,7 @@
 //! parts: build [`Registries`], add entries, and pass them to [`run`].
 //!
 //! - `cli`: arguments. `commands`: one file per command. `dispatch`: which command runs.
-//! - [`bench`] times the program.
+//! - [`mod@bench`] times the program.
 //!
 //! What a command does with many scenes is in `sage_run`, what it shows in `sage_view`, and what attacks and drives in `advsage`.
 //!

@@ -10,6 +10,7 @@ use serde_json::{Map, Value, json};
 
 use crate::{
     Error, Result,
+    rows::GeneratedBy,
     scenario_files::{self, with_facts},
 };
 
@@ -36,7 +37,7 @@ pub struct Attack<'a> {
     /// Name of the attack, as part of file names.
     pub variant: &'a str,
     /// How it was generated.
-    pub described: &'a Map<String, Value>,
+    pub generated: &'a GeneratedBy,
     /// Name of the weights; `None` without.
     pub weights: Option<&'a str>,
     /// Seed of the run.
@@ -65,8 +66,8 @@ pub struct Facts<'a> {
 
 impl Facts<'_> {
     /// The facts and how the attack was generated.
-    pub fn and(&self, described: &Map<String, Value>) -> Map<String, Value> {
-        let mut facts = described.clone();
+    pub fn and(&self, generated: &GeneratedBy) -> Map<String, Value> {
+        let mut facts = generated.to_map();
         for (key, value) in [
             ("seed", json!(self.seed)),
             ("adversary", json!(self.adversary)),
@@ -144,7 +145,7 @@ impl<'s> AttackedFiles<'s> {
         if !pickle && !native && !gpudrive {
             return Ok(all);
         }
-        let mut provenance = attack.described.clone();
+        let mut provenance = attack.generated.to_map();
         for (key, value) in [
             ("by", json!(concat!("sage ", env!("CARGO_PKG_VERSION")))),
             ("command", json!(attack.command)),

@@ -12,6 +12,7 @@ use crate::{
     generators::{Against, BuiltGenerator, Generators, weight_hashes},
     operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
+    rows::GeneratedBy,
     search::SAGE,
     selection::Selection,
     weights::NamedExperts,
@@ -207,18 +208,11 @@ impl NamedGenerator {
         Ok(identity)
     }
 
-    /// Description of how an attack was generated, for its row and for the metadata of its scene files.
-    pub fn describe(&self, point: &OperatingPointSpec) -> Map<String, Value> {
-        let described = json!({
-            "method": self.spec.method.name, "options": self.spec.method.options, "lambda": point.lambda, "mu": point.mu,
-            "aggression": point.aggression, "merger": self.spec.merger.to_string(),
-            "selection": self.selection.objective.spec(),
-        });
-        let Value::Object(mut described) = described else { return Map::new() };
-        if !point.mix.is_empty() {
-            let mix = point.mix.iter().map(|(name, weight)| (name.clone(), json!(weight)));
-            described.insert("mix".to_owned(), mix.collect());
+    /// How an attack at an operating point is generated, for its row and for the metadata of its scene files.
+    pub fn generated_by(&self, point: &OperatingPointSpec) -> GeneratedBy {
+        GeneratedBy {
+            selection: Some(self.selection.objective.spec().clone()),
+            ..GeneratedBy::at(&self.spec.method, &self.spec.merger, Some(point))
         }
-        described
     }
 }

@@ -4,9 +4,11 @@ pub mod attack;
 pub mod contact;
 pub mod drive;
 mod drive_panel;
-pub mod found_attack;
+mod generated_by;
 pub mod plan;
 pub mod search;
+
+pub use generated_by::GeneratedBy;
 
 /// Size limit of a row, bytes. A thousand candidates take 4 MB.
 pub const ROW_LIMIT: u64 = 1 << 30;

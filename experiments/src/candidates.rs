@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use advsage::rows::attack::{self, AttackRow};
 use anyhow::{Context as _, Result, bail};
 use sage_core::{
     files,
@@ -34,31 +35,17 @@ pub(crate) struct NamedCandidate {
     pub(crate) ego: Option<EgoPaths>,
 }
 
-/// A row of `sage generate`.
-#[derive(Deserialize)]
-struct AttackRow {
-    chosen: usize,
-    trajectory: Vec<Point>,
-    /// None with --no-candidates.
-    candidates: Vec<RowCandidate>,
-}
-
-#[derive(Deserialize)]
-struct RowCandidate {
-    trajectory: Vec<Point>,
-}
-
-impl From<AttackRow> for Vec<CandidateRow> {
-    fn from(row: AttackRow) -> Self {
-        let name = |k: usize| if k == row.chosen { format!("{k}, selected") } else { k.to_string() };
-        if row.candidates.is_empty() {
-            return vec![CandidateRow { name: name(row.chosen), trajectory: row.trajectory, ego: None }];
-        }
-        let candidates = row.candidates.into_iter().enumerate();
-        candidates
-            .map(|(k, RowCandidate { trajectory })| CandidateRow { name: name(k), trajectory, ego: None })
-            .collect()
+/// The candidates of a row of `sage generate`; the selected one alone if the run wrote no others.
+fn of_row(row: AttackRow<Vec<attack::CandidateRow<Vec<Point>>>>) -> Vec<CandidateRow> {
+    let named = |k: usize, trajectory| CandidateRow {
+        name: if k == row.chosen { format!("{k}, selected") } else { k.to_string() },
+        trajectory,
+        ego: None,
+    };
+    if row.candidates.is_empty() {
+        return vec![named(row.chosen, row.trajectory.points().to_vec())];
     }
+    row.candidates.into_iter().enumerate().map(|(k, candidate)| named(k, candidate.trajectory)).collect()
 }
 
 /// Reads a JSON list of candidates, or a row of `sage generate`; `-` is standard input.
@@ -68,9 +55,9 @@ pub(crate) fn read(path: &Path) -> Result<Vec<NamedCandidate>> {
     let file = path.display();
     let text = files::read_argument_text(path, LIMIT).with_context(|| format!("cannot read `{file}`"))?;
     if text.trim_start().starts_with('{') {
-        let row: AttackRow =
-            serde_json::from_str(&text).with_context(|| format!("`{file}` is no row of `sage generate`"))?;
-        return checked(&file.to_string(), row.into());
+        let row = serde_json::from_str(&text);
+        let row = row.with_context(|| format!("`{file}` is no row of `sage generate`"))?;
+        return checked(&file.to_string(), of_row(row));
     }
     let rows: Vec<CandidateRow> = serde_json::from_str(&text).with_context(|| {
         format!(r#"`{file}` is not a JSON list of {{"name", "trajectory": [[x, y] × {HORIZON}], "ego"}}; "ego" may be left out"#)

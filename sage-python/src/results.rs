@@ -7,7 +7,7 @@ use advsage::{
     rows::{
         contact::step,
         drive::{DriveRow, RowHead},
-        search::{FailureRow, RowHead as SearchHead, SceneRow, failure_name},
+        search::{FailureRow, RowHead as SearchHead, SceneRow},
     },
     scenario_files,
     search::PlanSources,
@@ -33,7 +33,7 @@ use sage_view::{
     drawing::{self, Picture, drawn_path},
     player,
 };
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 /// Fields of rows that say which run and file they are of.
 const OF_RUN: [&str; 4] = ["run_hash", "source_hash", "files", "variant"];
@@ -76,12 +76,11 @@ impl DriveResult<'_> {
             let planned = PlannedAttack::of(attack.ctx, path).after(attack.queries);
             Ok(planned.row(attack.verdict, self.episode, attack.before)?)
         });
-        let described = Map::new();
         let head = RowHead {
             run_hash: "",
             scene: self.name,
             ego: self.ego,
-            described,
+            generated: None,
             source_hash: "",
             seed: self.seed,
         };
@@ -136,9 +135,8 @@ pub(crate) fn search_rows(
         adversary: adversary.to_owned(),
     };
     let failures = result.failures.iter().enumerate().map(|(k, failure)| {
-        let (described, variant) = (Map::new(), failure_name(k + 1));
         let source = plans.source(pool.plans[result.driven[failure.drive].plan].source);
-        let row = FailureRow::new((&head, &variant), Vec::new(), &described, pool, result, failure, source);
+        let row = FailureRow::new(&head, k + 1, None, (pool, result), failure, source);
         Ok(without_run(serde_json::to_value(row)?))
     });
     let failures = failures.collect::<Result<_>>()?;

@@ -12,7 +12,7 @@ mod view;
 
 use std::path::{Path, PathBuf};
 
-use advsage::{Registries, rows::found_attack::FoundRow};
+use advsage::{Registries, rows::attack::AttackRow};
 use anyhow::Result;
 use rayon::prelude::*;
 
@@ -139,10 +139,10 @@ fn rows<'a>(
     folder: &'a Path,
     run_hash: &'a str,
     input: &'a Input,
-) -> impl Iterator<Item = (usize, FoundRow)> + 'a {
+) -> impl Iterator<Item = (usize, AttackRow)> + 'a {
     let names = plan.variants().iter().map(|variant| folder.join(row_file(&input.scene, variant)));
     let own = names.enumerate().filter(|(_, path)| is_row_of(path, run_hash));
-    own.filter_map(|(variant, path)| Some((variant, FoundRow::read_head(&path)?)))
+    own.filter_map(|(variant, path)| Some((variant, AttackRow::read_head(&path)?)))
 }
 
 /// Existing outputs of a scene: its rows, the scene files that they name, and its picture.
@@ -157,7 +157,7 @@ fn outputs(plan: &Plan, folder: &Path, input: &Input) -> Vec<String> {
             (is_pickle || is_native || is_scenario) && !file.contains(['/', '\\'])
         };
         // The row is removed last, because it alone knows the names.
-        if let Some(found) = FoundRow::read(&folder.join(&row)) {
+        if let Some(found) = AttackRow::read(&folder.join(&row)) {
             names.extend(found.files.into_iter().filter(is_own));
         }
         names.push(row);

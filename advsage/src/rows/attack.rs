@@ -1,81 +1,124 @@
 //! The row of one attack, as its JSON file holds it.
 
-use std::num::NonZeroUsize;
+use std::{fmt, num::NonZeroUsize, path::Path};
 
 use sage_core::{
+    files,
+    generator::Note,
     motion::Trajectory,
-    objective::{Scores, Violation},
+    objective::{Reason, Scores, Violation},
     selection_outcome::{CandidateCounts, SelectionOutcome},
     text::escaped_name,
 };
 use sage_sim::{avoidable::Avoidable, reference::Answer};
-use serde::Serialize;
-use serde_json::{Map, Value, value::RawValue};
+use serde::{
+    Deserialize, Deserializer, Serialize,
+    de::{IgnoredAny, MapAccess, Visitor},
+};
+use serde_json::{Map, Value};
 
-/// One attack, as its file records it.
-#[derive(Serialize)]
-pub struct VariantRow<'r> {
+use super::{GeneratedBy, ROW_LIMIT};
+
+/// A row holds all but its candidates within this many bytes.
+const HEAD: u64 = 1 << 16;
+
+/// One attack, as its file records it; `C` are its candidates, or [`IgnoredAny`] to read it without them.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct AttackRow<C = IgnoredAny> {
     /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
-    pub run_hash: &'r str,
+    pub run_hash: String,
     /// Name of the input file without its ending.
-    pub scene: &'r str,
+    pub scene: String,
     /// Name of the operating point, as in file names.
-    pub variant: &'r str,
+    pub variant: String,
     /// Hash of the input file.
-    pub source_hash: &'r str,
+    pub source_hash: String,
     /// The scene files of this attack.
     pub files: Vec<String>,
     /// Seed of the run.
     pub seed: u64,
     /// Track of the adversary.
-    pub adversary: &'r str,
+    pub adversary: String,
     /// How it was generated.
     #[serde(flatten)]
-    pub described: Map<String, Value>,
+    pub generated: GeneratedBy,
     /// The adversary's plan.
-    pub trajectory: &'r Trajectory,
+    pub trajectory: Trajectory,
     /// Number of the candidate that is selected.
     pub chosen: usize,
     /// Feasibility by the rule of the selection, like `violations`.
     pub feasible: bool,
     /// Violations of that rule.
     pub violations: Vec<Violation>,
-    /// What came of the selection, and what its candidates do.
+    /// What came of the selection.
     pub outcome: SelectionOutcome,
     /// What its candidates do.
-    pub counts: &'r CandidateCounts,
+    pub counts: CandidateCounts,
     /// What the generator says of it.
     pub note: Option<String>,
     /// Drives of the driver that the generator asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub queries: Option<NonZeroUsize>,
     /// Scores of the selected candidate.
-    pub scores: ChosenScores<'r>,
-    /// The last field, so that the others can be read without it.
-    pub candidates: Vec<CandidateRow<'r>>,
+    pub scores: ChosenScores,
+    /// The last field, so that the others can be read without it. Empty if the run wrote none.
+    pub candidates: C,
+}
+
+/// Scores of the selected candidate, and whether a driver could have avoided it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ChosenScores {
+    /// Its scores.
+    #[serde(flatten)]
+    pub scores: Scores,
+    /// Whether an evasive manoeuvre exists.
+    #[serde(flatten)]
+    pub avoidable: Avoidable,
+    /// Whether the reference driver `r157` prevents the contact; empty without one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub references: Vec<Answer>,
+    /// The same; the earlier name of this field, for one version.
+    #[serde(default)]
+    pub r157_avoids: Option<bool>,
+}
+
+/// One candidate of an attack; `T` is its trajectory and `S` its scores, which are written as they were printed once and read as needed.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct CandidateRow<T, S = IgnoredAny> {
+    /// Log-probability under the network, if it has one.
+    pub log_prob: Option<f64>,
+    /// Negative log-likelihood under the prior, nats, if the selection needs it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nll: Option<f64>,
+    /// Goal, metres.
+    pub goal: Option<[f64; 2]>,
+    /// The adversary's plan.
+    pub trajectory: T,
+    /// Its scores.
+    pub scores: S,
 }
 
 /// The row of a scene in which no attack can be measured.
-#[derive(Serialize)]
-pub struct LeftOutRow<'r> {
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct LeftOutRow {
     /// Hash of the run's identity.
-    pub run_hash: &'r str,
+    pub run_hash: String,
     /// Name of the input file without its ending.
-    pub scene: &'r str,
+    pub scene: String,
     /// Name of the operating point, as in file names.
-    pub variant: &'r str,
+    pub variant: String,
     /// Hash of the input file.
-    pub source_hash: &'r str,
+    pub source_hash: String,
     /// None.
     pub files: [String; 0],
     /// Why.
-    pub left_out: &'r str,
+    pub left_out: String,
 }
 
-impl LeftOutRow<'_> {
+impl LeftOutRow {
     /// The printed line.
     pub fn line(&self) -> String {
-        let [scene, variant] = [self.scene, self.variant].map(escaped_name);
+        let [scene, variant] = [&self.scene, &self.variant].map(|name| escaped_name(name));
         format!("{scene} {variant}: left out, contact now")
     }
 }
@@ -85,34 +128,92 @@ pub fn prevented(answers: &[Answer]) -> Option<bool> {
     answers.last()?.prevents
 }
 
-/// Scores of the chosen candidate, and whether a driver could have avoided it.
-#[derive(Serialize)]
-pub struct ChosenScores<'r> {
-    /// Scores of the selected candidate.
-    #[serde(flatten)]
-    pub scores: &'r Scores,
-    /// Whether an evasive manoeuvre exists.
-    #[serde(flatten)]
-    pub avoidable: &'r Avoidable,
-    /// Whether the reference driver `r157` prevents the contact; empty without one.
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    pub references: &'r [Answer],
-    /// The same; the earlier name of this field, for one version.
-    pub r157_avoids: Option<bool>,
+impl AttackRow {
+    /// Reads a row; `None` if the file is missing, incomplete, or says that its scene is left out.
+    pub fn read(path: &Path) -> Option<Self> {
+        serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
+    }
+
+    /// The same without reading the candidates, which are nine tenths of a file.
+    pub fn read_head(path: &Path) -> Option<Self> {
+        let bytes = files::read_start(path, HEAD).ok()?;
+        let mut fields = Fields(Map::new());
+        // The reader stops at the candidates, which is an error to the parser.
+        let _ = serde_json::Deserializer::from_slice(&bytes).deserialize_map(&mut fields);
+        let head = serde_json::from_value(Value::Object(fields.0)).ok();
+        head.or_else(|| Self::read(path))
+    }
 }
 
-/// One candidate of an attack.
-#[derive(Serialize)]
-pub struct CandidateRow<'r> {
-    /// Log-probability under the network, if it has one.
-    pub log_prob: Option<f64>,
-    /// Negative log-likelihood under the prior, nats, if the selection needs it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub nll: Option<f64>,
-    /// Goal, metres.
-    pub goal: Option<[f64; 2]>,
-    /// The adversary's plan.
-    pub trajectory: &'r RawValue,
-    /// Scores of the selected candidate.
-    pub scores: &'r RawValue,
+/// The fields of a row up to its candidates.
+struct Fields(Map<String, Value>);
+
+impl<'de> Visitor<'de> for &mut Fields {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a row")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        while let Some(key) = map.next_key::<String>()? {
+            if key == "candidates" {
+                self.0.insert(key, Value::Null);
+                break;
+            }
+            self.0.insert(key, map.next_value()?);
+        }
+        Ok(())
+    }
+}
+
+impl<C> AttackRow<C> {
+    /// What came of the attack, in words.
+    pub fn words(&self) -> String {
+        let scores = &self.scores.scores;
+        words(self.outcome, &self.counts, scores.collision_step, &scores.unbelievable)
+    }
+
+    /// The printed line; `seconds` is the time of the attack, `None` if an earlier run made it.
+    pub fn line(&self, seconds: Option<f64>) -> String {
+        let Scores { adversarial_reward, kinematic_penalty, behavior_penalty, .. } = &self.scores.scores;
+        let note = own_note(&self.note);
+        let note = if note.is_empty() { String::new() } else { format!("; {note}") };
+        let values = match self.outcome.is_attack() {
+            true => format!(
+                "; R_adv {adversarial_reward:.2}, P_kin {kinematic_penalty:.2}, P_beh {behavior_penalty:.2}"
+            ),
+            false => String::new(),
+        };
+        format!(
+            "{} {}: {}{values}{note} ({})",
+            escaped_name(&self.scene),
+            escaped_name(&self.variant),
+            self.words(),
+            seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s)),
+        )
+    }
+}
+
+/// What came of an attack, in words.
+pub fn words(
+    outcome: SelectionOutcome,
+    counts: &CandidateCounts,
+    contact: Option<usize>,
+    unbelievable: &[Reason],
+) -> String {
+    let after = contact.map_or(String::new(), |step| format!(" after {:.1} s", step as f64 / 10.0));
+    let reasons = || unbelievable.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
+    match outcome {
+        SelectionOutcome::Attack => format!("attack{after}, believable"),
+        SelectionOutcome::NotBelievable => format!("attack{after}, not believable ({})", reasons()),
+        other => counts.outcome_words(other),
+    }
+}
+
+/// A note that says more than the outcome does.
+fn own_note(note: &Option<String>) -> &str {
+    let is_said =
+        |text: &str| [Note::NoneFeasible, Note::NoContact].iter().any(|said| said.to_string() == text);
+    note.as_deref().filter(|text| !is_said(text)).unwrap_or_default()
 }

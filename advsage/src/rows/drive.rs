@@ -15,10 +15,9 @@ use sage_sim::{
     fault::FaultClass,
 };
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 
 use super::{
-    ROW_LIMIT,
+    GeneratedBy, ROW_LIMIT,
     contact::{ContactRow, step},
 };
 
@@ -35,7 +34,7 @@ pub struct DriveRow {
     pub adversary: Option<String>,
     /// Generator and operating point as in a row of `sage generate`; `method` and `lambda` are null without.
     #[serde(flatten)]
-    pub described: Map<String, Value>,
+    pub generated: Option<GeneratedBy>,
     /// Number of steps after *now* that are recorded, at most 80: the drive ends there.
     #[serde(default)]
     pub horizon: usize,
@@ -156,7 +155,7 @@ pub struct RowHead<'a> {
     /// Driver and its options.
     pub ego: &'a str,
     /// How it was generated.
-    pub described: Map<String, Value>,
+    pub generated: Option<GeneratedBy>,
     /// Hash of the input file.
     pub source_hash: &'a str,
     /// Seed of the run.
@@ -175,7 +174,7 @@ impl DriveRow {
             scene: head.scene.to_owned(),
             ego: head.ego.to_owned(),
             adversary: scene.adversary.map(|k| scene.tracks[k].id.clone()),
-            described: head.described,
+            generated: head.generated,
             horizon: scene.horizon(),
             steps: episode.steps(),
             arrived: episode.arrived.map(step),

@@ -1,9 +1,11 @@
 //! Where the plan of a drive comes from, as rows say it.
 
+use std::collections::BTreeMap;
+
 use sage_core::objective::kinematic_penalty;
 use sage_sim::search::Pool;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use crate::operating_point::RowKey;
 
@@ -14,12 +16,13 @@ const RANDOM: &str = "random";
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PlanRow {
     /// Its number in the pool.
-    number: usize,
+    pub number: usize,
     /// Generator.
-    method: String,
-    lambda: Option<f64>,
-    #[serde(default, skip_serializing_if = "Map::is_empty")]
-    mix: Map<String, Value>,
+    pub method: String,
+    /// Interpolation weight λ, if it has one.
+    pub lambda: Option<f64>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    mix: BTreeMap<String, f64>,
     /// Negative log-likelihood under the prior, nats, up to a constant of the scene.
     nll: Option<f64>,
     /// Kinematic penalty of the paper.
@@ -36,9 +39,18 @@ impl PlanRow {
             number,
             method: source.map(|key| key.part().to_string()).unwrap_or_default(),
             lambda: point.and_then(|point| point.lambda),
-            mix: mix.map(|(name, weight)| (name.clone(), json!(weight))).collect(),
+            mix: mix.map(|(name, weight)| (name.clone(), *weight)).collect(),
             nll: plan.proposal.nll,
             kinematic_penalty: kinematic_penalty(plan.candidate.profile()),
+        }
+    }
+
+    /// Its fields.
+    pub fn to_map(&self) -> Map<String, Value> {
+        match serde_json::to_value(self) {
+            Ok(Value::Object(map)) => map,
+            // Its keys are texts.
+            _ => Map::new(),
         }
     }
 

@@ -16,9 +16,8 @@ use sage_sim::{
     },
 };
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 
-use super::{ROW_LIMIT, plan::PlanRow};
+use super::{GeneratedBy, ROW_LIMIT, plan::PlanRow};
 use crate::operating_point::RowKey;
 
 /// Name of the row of a scene.
@@ -136,20 +135,20 @@ pub struct FoundFailure {
 }
 
 /// The row of a failure: like that of `sage generate`, and as `sage simulate --attack` reads it.
-#[derive(Serialize)]
-pub struct FailureRow<'r> {
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FailureRow {
     /// What every row begins with.
     #[serde(flatten)]
-    pub head: &'r RowHead,
+    pub head: RowHead,
     /// Name of the failure, as in file names.
-    pub variant: &'r str,
+    pub variant: String,
     /// The scene files of this attack.
     pub files: Vec<String>,
-    /// How it was generated.
+    /// How its plan was made.
     #[serde(flatten)]
-    pub described: &'r Map<String, Value>,
+    pub generated: Option<GeneratedBy>,
     /// The adversary's plan.
-    pub trajectory: &'r Trajectory,
+    pub trajectory: Trajectory,
     /// Whether the plan is feasible.
     pub feasible: bool,
     /// Its drive, 1 the first.
@@ -158,78 +157,89 @@ pub struct FailureRow<'r> {
     pub plan: PlanRow,
     /// What the attacked drive was found to be.
     #[serde(flatten)]
-    pub evaluated: EvaluatedRow<'r>,
+    pub evaluated: EvaluatedRow,
     /// Where the adversary comes from, red lights, solid lines and the right of way.
     pub circumstances: Option<Circumstances>,
     /// Box centre and heading of the ego at frames 0 to *now*.
-    pub ego_history: &'r [[f64; 3]],
+    pub ego_history: Vec<[f64; 3]>,
     /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
     pub ego_path: Vec<[f64; 3]>,
     /// Whether an evasive manoeuvre exists.
     #[serde(flatten)]
-    pub avoidable: &'r Avoidable,
+    pub avoidable: Avoidable,
 }
 
-impl<'r> FailureRow<'r> {
-    /// The row of a failure with its name and files; `source` is that of its plan.
+impl FailureRow {
+    /// The row of a failure without its files; `number` counts from 1, `source` is that of its plan.
     pub fn new(
-        (head, variant): (&'r RowHead, &'r str),
-        files: Vec<String>,
-        described: &'r Map<String, Value>,
-        pool: &'r Pool,
-        result: &'r SearchResult,
-        failure: &'r Failure,
+        head: &RowHead,
+        number: usize,
+        generated: Option<GeneratedBy>,
+        (pool, result): (&Pool, &SearchResult),
+        failure: &Failure,
         source: Option<&RowKey>,
     ) -> Self {
         let evaluated = &result.driven[failure.drive];
         let path = failure.path.positions.iter().zip(&failure.path.headings);
         Self {
-            head,
-            variant,
-            files,
-            described,
-            trajectory: &pool.plans[evaluated.plan].proposal.trajectory,
+            head: head.clone(),
+            variant: failure_name(number),
+            files: Vec::new(),
+            generated,
+            trajectory: pool.plans[evaluated.plan].proposal.trajectory.clone(),
             feasible: true,
             drive: failure.drive + 1,
             plan: PlanRow::new(pool, evaluated.plan, source),
             evaluated: EvaluatedRow::of(evaluated),
             circumstances: failure.circumstances,
-            ego_history: &failure.path.history,
+            ego_history: failure.path.history.to_vec(),
             ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
-            avoidable: &failure.avoidable,
+            avoidable: failure.avoidable.clone(),
         }
+    }
+
+    /// The reference driver that prevents the contact.
+    pub fn prevented_by(&self) -> Option<&str> {
+        let prevents = self.evaluated.references.iter().find(|answer| answer.prevents == Some(true));
+        prevents.map(|answer| &*answer.reference)
     }
 }
 
 /// What an attacked drive was found to be.
-#[derive(Serialize)]
-pub struct EvaluatedRow<'r> {
-    contact: Option<&'r Met>,
-    clauses: Clauses,
-    reward: f64,
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct EvaluatedRow {
+    /// The first contact.
+    pub contact: Option<Met>,
+    /// Which clauses hold.
+    pub clauses: Clauses,
+    /// Reward of the search.
+    pub reward: f64,
     /// Latest start within the limits of UN R157's driver, s before the contact.
-    latest_start_r157: Option<f64>,
+    #[serde(default)]
+    pub latest_start_r157: Option<f64>,
     /// Whether there is one; the earlier name of this field, for one version.
-    avoidable_r157: Option<bool>,
+    #[serde(default)]
+    pub avoidable_r157: Option<bool>,
     /// Seconds from the onset of the plan to the latest start.
-    human_time: Option<f64>,
+    #[serde(default)]
+    pub human_time: Option<f64>,
     /// The reference drivers that were asked whether they prevent the contact.
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    references: &'r [Answer],
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub references: Vec<Answer>,
 }
 
-impl<'r> EvaluatedRow<'r> {
+impl EvaluatedRow {
     /// The row of a drive.
-    pub fn of(evaluated: &'r Evaluated) -> Self {
+    pub fn of(evaluated: &Evaluated) -> Self {
         let Evaluated { contact, clauses, reward, human_time, references, .. } = evaluated;
         Self {
-            contact: contact.as_ref(),
+            contact: contact.clone(),
             clauses: *clauses,
             reward: *reward,
             latest_start_r157: evaluated.latest_start_r157,
             avoidable_r157: evaluated.latest_start.map(|_| evaluated.latest_start_r157.is_some()),
             human_time: *human_time,
-            references,
+            references: references.clone(),
         }
     }
 }
@@ -251,7 +261,7 @@ pub struct DrivenRow<'r> {
     pub plan: PlanRow,
     /// What the attacked drive was found to be.
     #[serde(flatten)]
-    pub evaluated: EvaluatedRow<'r>,
+    pub evaluated: EvaluatedRow,
     /// Seconds before the contact at which an evasive manoeuvre could still begin.
     #[serde(flatten, with = "earlier_names::latest_start")]
     pub latest_start: Option<f64>,

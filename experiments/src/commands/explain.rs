@@ -24,7 +24,7 @@ use sage_run::{
 };
 
 use crate::cli::{ExplainArgs, Values};
-use attack_row::AttackRow;
+use attack_row::RecordedAttack;
 use explanation::Explanation;
 
 /// λ at which a scene is explained by default.
@@ -135,7 +135,7 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
 
 /// Explains a row of `sage generate`.
 fn of_row(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
-    let row = AttackRow::read(&args.scene, args.of.as_deref(), &args.reading.options())?;
+    let row = RecordedAttack::read(&args.scene, args.of.as_deref(), &args.reading.options())?;
     let objective = row.objective(registries)?;
     let (scene, attack) = (&row.scene, &row.attack);
     let index = SceneIndex::new(scene.map.clone());

@@ -5,7 +5,7 @@ mod entry;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-use advsage::rows::search::SceneRow;
+use advsage::rows::search::{FailureRow, SceneRow};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{files, geometry::Aabb};
@@ -25,7 +25,7 @@ use sage_view::{
 };
 use serde::Serialize;
 
-use super::search::found::{FailureFile, FailureScene, Found, without_folders};
+use super::search::found::{FailureScene, Found, without_folders};
 use crate::cli::{FailureReportArgs, Keep};
 use entry::Entry;
 
@@ -186,7 +186,7 @@ fn of_scene<'a>(
     for (k, numbers) in keep.numbers(row).chunks(MOST_OF_SCENE).enumerate() {
         let page = if k == 0 { format!("{name}.html") } else { format!("{name}.{}.html", k + 1) };
         let read = |number: &usize| Ok((*number, search.failure(row, *number)?));
-        let failures: Vec<(usize, FailureFile)> = numbers.iter().map(read).collect::<Result<_>>()?;
+        let failures: Vec<(usize, FailureRow)> = numbers.iter().map(read).collect::<Result<_>>()?;
         let mut described = Vec::with_capacity(failures.len());
         for (number, failure) in &failures {
             let link = format!("{SCENES}/{}", html_page::link(&page));

@@ -7,7 +7,7 @@ use std::collections::{HashMap, HashSet};
 use advsage::{
     Registries,
     attacked_files::{Attack, AttackedFiles, Formats},
-    rows::search::{SceneRow, failure_name},
+    rows::search::{FailureRow, SceneRow, failure_name},
 };
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ use sage_sim::search::{
     suite::{FILE, Found as Origin, MOST_TESTS, SCENES, Suite, SuiteTest, VERSION, is_plain, plan_hash},
 };
 
-use super::search::found::{FailureFile, FailureScene, Found, json, without_folders};
+use super::search::found::{FailureScene, Found, json, without_folders};
 use crate::cli::{Keep, SearchFormat, SuiteArgs};
 
 /// Clusters that are printed.
@@ -173,7 +173,7 @@ fn candidates(searches: &[Found], args: &SuiteArgs) -> Result<Vec<Candidate>> {
                 let failure = search.failure(row, number)?;
                 let features = scene.driven(&failure).and_then(|driven| driven.features(&failure));
                 let features = features.with_context(|| failure_name(number))?;
-                Ok(Candidate { place: [s, r, number], reward: failure.reward, features })
+                Ok(Candidate { place: [s, r, number], reward: failure.evaluated.reward, features })
             };
             keep.numbers(row).into_iter().map(candidate).collect()
         };
@@ -210,13 +210,13 @@ impl Maker<'_> {
         scene: &str,
         (number, features): (usize, &Features),
         [file, scene_hash]: [&String; 2],
-        failure: FailureFile,
+        failure: FailureRow,
     ) -> Result<()> {
         let plan_hash = plan_hash(&failure.trajectory);
-        if !self.known.insert([scene_hash.clone(), plan_hash.clone(), failure.adversary.clone()]) {
+        if !self.known.insert([scene_hash.clone(), plan_hash.clone(), failure.head.adversary.clone()]) {
             return Ok(());
         }
-        let driver = without_folders(&failure.ego);
+        let driver = without_folders(&failure.head.ego);
         let ego = plain(&driver);
         let named = |k: usize| {
             let more = if k == 0 { String::new() } else { format!("-{k}") };
@@ -232,24 +232,24 @@ impl Maker<'_> {
             scenario: (self.args.format == SearchFormat::Openscenario).then(Default::default),
         };
         let files = AttackedFiles::new(recording, scene, formats)?;
-        let mut described = failure.described.clone();
-        described.retain(|key, _| DESCRIPTION.contains(&&**key));
+        let generated = failure.generated.unwrap_or_default();
+        let FailureRow { head, evaluated, .. } = failure;
         files.check_names(std::iter::once(&*variant))?;
-        let attacked = recording.scene.clone().with_roles(None, Some(&failure.adversary))?;
+        let attacked = recording.scene.clone().with_roles(None, Some(&head.adversary))?;
         let attack = Attack {
             trajectory: &failure.trajectory,
             variant: &variant,
-            described: &described,
+            generated: &generated,
             weights: None,
-            seed: failure.seed,
+            seed: head.seed,
             command: &output::command(),
         };
         let mut written = files.files(&attacked, &attack)?;
         if let Some(scenarios) = files.scenarios(&attacked) {
-            let mut facts = described.clone();
-            facts.insert("seed".to_owned(), failure.seed.into());
-            facts.insert("adversary".to_owned(), failure.adversary.clone().into());
-            let after = failure.contact.as_ref().map(|met| met.step as f64 / 10.0);
+            let mut facts = generated.to_map();
+            facts.insert("seed".to_owned(), head.seed.into());
+            facts.insert("adversary".to_owned(), head.adversary.clone().into());
+            let after = evaluated.contact.as_ref().map(|met| met.step as f64 / 10.0);
             facts.insert("contact_after_seconds".to_owned(), after.into());
             written.extend(files.scenario(&scenarios, &attacked, &attack, &facts)?);
         }
@@ -260,15 +260,15 @@ impl Maker<'_> {
             name: format!("{scene}-{variant}"),
             scene: file.clone(),
             scene_hash: scene_hash.clone(),
-            adversary: failure.adversary,
-            seed: failure.seed,
+            adversary: head.adversary,
+            seed: head.seed,
             plan_hash,
             plan: failure.trajectory,
             found: Origin {
                 ego: driver,
-                plan: failure.plan,
-                contact: failure.contact,
-                clauses: failure.clauses,
+                plan: failure.plan.to_map(),
+                contact: evaluated.contact,
+                clauses: evaluated.clauses,
                 cluster: features.cluster(),
             },
         });
@@ -302,9 +302,6 @@ fn remove_old(folder: &Folder) -> Result<()> {
     }
     Ok(())
 }
-
-/// What describes how a plan was generated, of all that the row of a failure holds.
-const DESCRIPTION: [&str; 8] = ["method", "options", "lambda", "mu", "aggression", "mix", "merger", "search"];
 
 /// A name as that of a file of a suite.
 fn plain(name: &str) -> String {

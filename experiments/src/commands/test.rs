@@ -25,7 +25,7 @@ use sage_sim::{
 
 use crate::{cli::TestArgs, junit};
 
-use row::{EarlierRow, ResultRow, TestResult};
+use row::{ResultHead, ResultRow, TestResult};
 
 /// Size limit of a suite and of earlier results, bytes.
 const LIMIT: u64 = 1 << 27;
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     let mut rows: Vec<ResultRow> = driven.into_iter().flatten().collect();
     let place: HashMap<&str, usize> =
         suite.tests.iter().enumerate().map(|(k, test)| (&*test.name, k)).collect();
-    rows.sort_by_key(|row| place.get(row.test).copied());
+    rows.sort_by_key(|row| place.get(&*row.head.test).copied());
     if let Some(file) = junit {
         let name = args.suite.display().to_string();
         let cases: Vec<_> = rows.iter().map(|row| row.case(baseline.as_ref())).collect();
@@ -119,12 +119,12 @@ pub(super) fn read_as_written(folder: &Path) -> Result<Suite> {
 fn earlier(path: &Path, suite: &Suite, ego: &str) -> Result<Earlier> {
     let shown = path.display();
     let text = files::read_text(path, LIMIT).with_context(|| format!("cannot read `{shown}`"))?;
-    let row = |(k, line): (usize, &str)| -> Result<EarlierRow> {
+    let row = |(k, line): (usize, &str)| -> Result<ResultHead> {
         serde_json::from_str(line)
             .with_context(|| format!("`{shown}`, line {}: no result of `sage test --json`", k + 1))
     };
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    let rows: Vec<EarlierRow> = lines.map(row).collect::<Result<_>>()?;
+    let rows: Vec<ResultHead> = lines.map(row).collect::<Result<_>>()?;
     if let Some(other) = rows.iter().find(|row| row.suite != suite.suite) {
         // An option is wrong: exit status 2.
         let text = format!(

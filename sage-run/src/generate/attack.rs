@@ -7,8 +7,8 @@ use advsage::{
     latest_start,
     prepared::Prepared,
     rows::{
-        attack::{CandidateRow, ChosenScores, LeftOutRow, VariantRow, prevented},
-        found_attack::FoundRow,
+        GeneratedBy,
+        attack::{AttackRow, ChosenScores, LeftOutRow, prevented},
     },
 };
 use anyhow::Result;
@@ -19,13 +19,12 @@ use sage_core::{
 };
 use sage_data::{ReadOptions, Recording, checks};
 use sage_sim::avoidable::Avoidance;
-use serde_json::{Map, Value};
 
 use super::{
     measured::{MeasuredAttack, measured},
     names::{page_file, picture_file, row_file},
     plan::Plan,
-    scored::ScoredCandidates,
+    scored::{Candidates, ScoredCandidates},
     view::SceneView,
 };
 use crate::{
@@ -43,8 +42,8 @@ impl SceneJob for Plan<'_> {
     }
 
     fn found(&self, _number: usize, path: &Path) -> Option<scene_queue::FoundRow> {
-        let row = FoundRow::read(path)?;
-        Some(scene_queue::FoundRow { line: row.line(), source_hash: row.source_hash, files: row.files })
+        let row = AttackRow::read(path)?;
+        Some(scene_queue::FoundRow { line: row.line(None), source_hash: row.source_hash, files: row.files })
     }
 
     fn pages(&self, scene: &str) -> Vec<String> {
@@ -106,11 +105,11 @@ impl<'w> SceneWriter<'w> {
         let mut lines = Vec::with_capacity(measured.len());
         let (mut written_files, command) = (Vec::new(), output::command());
         for ((point, variant), attack) in generator.points.iter().zip(plan.variants()).zip(&measured) {
-            let described = plan.describe(point);
+            let generated = plan.generated_by(point);
             let written = attacked_files::Attack {
                 trajectory: attack.attack.trajectory(),
                 variant,
-                described: &described,
+                generated: &generated,
                 weights: generator.weights_name(),
                 seed: plan.generator.spec.seed,
                 command: &command,
@@ -118,22 +117,18 @@ impl<'w> SceneWriter<'w> {
             let mut scene_files = files.files(&scene, &written)?;
             let scores = &scored.get(attack.attack.trajectory())?.scores;
             if let Some(scenarios) = &scenarios {
-                let facts = self.facts(ctx, attack, scores).and(&described);
+                let facts = self.facts(ctx, attack, scores).and(&generated);
                 scene_files.extend(files.scenario(scenarios, &scene, &written, &facts)?);
             }
             let candidates =
                 if plan.options.no_candidates { Vec::new() } else { scored.rows(attack.attack)? };
-            let row = self.row((attack, scores, candidates), ctx, variant, described, &scene_files);
-            lines.push(Line {
-                text: row.line(seconds),
-                row: row_file(self.scene, variant),
-                seconds: Some(seconds),
-            });
+            let mut row = self.row(attack, scores, ctx, variant, generated, candidates);
+            row.files = scene_files.iter().map(|(name, _)| name.clone()).collect();
+            let name = row_file(self.scene, variant);
+            lines.push(Line { text: row.line(Some(seconds)), row: name.clone(), seconds: Some(seconds) });
             // The row is written last, because its presence means that its scene files are complete.
-            let of_row = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
-            written_files.extend(row.files.clone());
-            drop(row);
-            scene_files.push(of_row);
+            scene_files.push((name, serde_json::to_vec(&row)?));
+            written_files.append(&mut row.files);
             self.run.folder().write_all(&scene_files)?;
         }
         if !plan.options.no_pages {
@@ -157,12 +152,12 @@ impl<'w> SceneWriter<'w> {
         let mut lines = Vec::new();
         for variant in self.plan.variants() {
             let row = LeftOutRow {
-                run_hash: self.run.hash(),
-                scene: self.scene,
-                variant,
-                source_hash: self.source_hash,
+                run_hash: self.run.hash().to_owned(),
+                scene: self.scene.to_owned(),
+                variant: variant.clone(),
+                source_hash: self.source_hash.to_owned(),
                 files: [],
-                left_out: reason,
+                left_out: reason.to_owned(),
             };
             let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
             self.run.folder().write(&name, &bytes)?;
@@ -186,35 +181,41 @@ impl<'w> SceneWriter<'w> {
         }
     }
 
-    fn row<'r>(
-        &'r self,
-        (measured, scores, candidates): (&'r MeasuredAttack, &'r Scores, Vec<CandidateRow<'r>>),
-        ctx: &'r Context,
-        variant: &'r str,
-        described: Map<String, Value>,
-        scene_files: &[(String, Vec<u8>)],
-    ) -> VariantRow<'r> {
+    fn row<'c>(
+        &self,
+        measured: &MeasuredAttack,
+        scores: &Scores,
+        ctx: &Context,
+        variant: &str,
+        generated: GeneratedBy,
+        candidates: Candidates<'c>,
+    ) -> AttackRow<Candidates<'c>> {
         let MeasuredAttack { attack, avoidable, references, outcome, counts, .. } = measured;
         let selected = ctx.candidate(attack.trajectory().clone());
         let violations = self.plan.generator.selection.objective.rule().violations(&selected, ctx);
-        VariantRow {
-            run_hash: self.run.hash(),
-            scene: self.scene,
-            variant,
-            source_hash: self.source_hash,
-            files: scene_files.iter().map(|(name, _)| name.clone()).collect(),
+        AttackRow {
+            run_hash: self.run.hash().to_owned(),
+            scene: self.scene.to_owned(),
+            variant: variant.to_owned(),
+            source_hash: self.source_hash.to_owned(),
+            files: Vec::new(),
             seed: self.plan.generator.spec.seed,
-            adversary: &ctx.adversary().id,
-            described,
-            trajectory: attack.trajectory(),
+            adversary: ctx.adversary().id.clone(),
+            generated,
+            trajectory: attack.trajectory().clone(),
             chosen: attack.chosen,
             feasible: violations.is_empty(),
             violations,
             outcome: *outcome,
-            counts,
+            counts: counts.clone(),
             note: attack.note.as_ref().map(Note::to_string),
             queries: NonZeroUsize::new(attack.queries),
-            scores: ChosenScores { scores, avoidable, references, r157_avoids: prevented(references) },
+            scores: ChosenScores {
+                scores: scores.clone(),
+                avoidable: avoidable.clone(),
+                references: references.clone(),
+                r157_avoids: prevented(references),
+            },
             candidates,
         }
     }

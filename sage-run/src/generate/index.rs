@@ -1,6 +1,6 @@
 //! The page that lists the attacked scenes of a run.
 
-use advsage::rows::{attack::prevented, found_attack::FoundRow};
+use advsage::rows::attack::{AttackRow, prevented};
 use anyhow::Result;
 use rayon::prelude::*;
 use sage_core::{
@@ -115,13 +115,13 @@ fn listed<'a>(
     input: &'a Input,
     options: &ReadOptions,
 ) -> Option<Listed<'a>> {
-    let rows: Vec<(usize, FoundRow)> = plan
+    let rows: Vec<(usize, AttackRow)> = plan
         .variants()
         .iter()
         .enumerate()
         .filter_map(|(variant, name)| {
             let path = folder.path().join(row_file(&input.scene, name));
-            let row = if is_row_of(&path, run_hash) { FoundRow::read_head(&path) } else { None };
+            let row = if is_row_of(&path, run_hash) { AttackRow::read_head(&path) } else { None };
             Some((variant, row?))
         })
         .collect();
@@ -138,17 +138,17 @@ fn listed<'a>(
 
 impl Entry {
     /// Describes an attack; `None` if its adversary is not in the scene. Also gives the area that its thumbnail shows.
-    fn new(scene: &Scene, name: &str, plan: &Plan, variant: usize, row: &FoundRow) -> Option<(Self, Aabb)> {
+    fn new(scene: &Scene, name: &str, plan: &Plan, variant: usize, row: &AttackRow) -> Option<(Self, Aabb)> {
         let recorded = scene.tracks.iter().find(|track| track.id == row.adversary)?;
         let (ego, adversary) = (scene.ego(), recorded.following(&row.trajectory));
-        let step = row.scores.collision_step.unwrap_or_else(|| nearest_step(ego, &adversary, scene));
+        let step = row.scores.scores.collision_step.unwrap_or_else(|| nearest_step(ego, &adversary, scene));
         let frame = (NOW + step).min(scene.frames - 1);
         let boxes = [ego, &adversary].map(|track| box_at(track, frame));
         let points: Vec<Point> =
             (NOW + 1..=frame).filter(|f| ego.is_valid(*f)).map(|f| ego.point(f)).collect();
         let paths = [path(ego, &points, step), path(&adversary, row.trajectory.points(), step)];
         let [ego_box, adversary_box] = boxes;
-        let scores = &row.scores;
+        let (scores, avoidable) = (&row.scores.scores, &row.scores.avoidable);
         let entry = Self {
             scene: 0,
             variant,
@@ -159,12 +159,12 @@ impl Entry {
             adversary_id: row.adversary.clone(),
             why: why(row),
             contact_after: scores.collision_step.map(|step| step as f64 / 10.0),
-            impact: scores.impact_speed,
+            impact: scores.criticality.impact_speed,
             reward: scores.adversarial_reward,
             realism: scores.kinematic_penalty + scores.behavior_penalty,
-            latest_start: scores.avoidable.latest_start,
-            avoidable: scores.avoidable.avoidable,
-            prevented_by_r157: prevented(&scores.references),
+            latest_start: avoidable.latest_start,
+            avoidable: avoidable.avoidable,
+            prevented_by_r157: prevented(&row.scores.references),
             ego: Car::new(&ego_box, &paths[0]),
             adversary: Car::new(&adversary_box, &paths[1]),
         };
@@ -173,9 +173,9 @@ impl Entry {
 }
 
 /// Why an outcome is as it is, in words; empty for a believable attack.
-fn why(row: &FoundRow) -> String {
+fn why(row: &AttackRow) -> String {
     if row.outcome.is_attack() {
-        return row.scores.unbelievable.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
+        return row.scores.scores.unbelievable.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
     }
     row.counts.cause(row.outcome).replace('`', "")
 }

@@ -6,10 +6,11 @@ use advsage::{
     ego::{self, Ego},
     named_generator::NamedGenerator,
     operating_point::OperatingPointSpec,
+    rows::GeneratedBy,
 };
 use anyhow::{Result, bail};
 use sage_data::openscenario::Options;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::options::{DatasetFormat, GenerateOptions};
 use crate::{networks, output, progress};
@@ -102,15 +103,12 @@ impl<'a> Plan<'a> {
         Ok(identity)
     }
 
-    /// Description of how a variant was generated, for its row and for the metadata of its scene files.
-    pub(super) fn describe(&self, point: &OperatingPointSpec) -> Map<String, Value> {
-        let mut described = self.generator.describe(point);
-        if !self.ego.policy.is_recording() {
-            described.insert("ego".to_owned(), json!(self.ego.label));
+    /// How a variant is generated, for its row and for the metadata of its scene files.
+    pub(super) fn generated_by(&self, point: &OperatingPointSpec) -> GeneratedBy {
+        GeneratedBy {
+            ego: (!self.ego.policy.is_recording()).then(|| self.ego.label.clone()),
+            wanted_latest_start: self.options.latest_start,
+            ..self.generator.generated_by(point)
         }
-        if let Some(target) = self.options.latest_start {
-            described.insert("wanted_latest_start".to_owned(), json!(target));
-        }
-        described
     }
 }

@@ -23,6 +23,9 @@ pub(super) struct Scored {
     trajectory: Box<RawValue>,
 }
 
+/// Candidates as a row holds them, written as JSON before.
+pub(super) type Candidates<'s> = Vec<CandidateRow<&'s RawValue, &'s RawValue>>;
+
 /// Scores of the candidates of one scene. Attacks at several operating points share many candidates, so each
 /// candidate is scored and written as JSON only once.
 pub(super) struct ScoredCandidates<'s> {
@@ -120,11 +123,11 @@ impl<'s> ScoredCandidates<'s> {
     }
 
     /// The candidates of a scored attack.
-    pub(super) fn rows(&self, attack: &Attack) -> Result<Vec<CandidateRow<'_>>> {
+    pub(super) fn rows(&self, attack: &Attack) -> Result<Candidates<'_>> {
         let row = |proposal: &Proposal| {
             let Scored { json, trajectory, .. } = self.get(&proposal.trajectory)?;
             let Proposal { log_prob, nll, goal, .. } = *proposal;
-            Ok(CandidateRow { log_prob, nll, goal, trajectory, scores: json })
+            Ok(CandidateRow { log_prob, nll, goal, trajectory: &**trajectory, scores: &**json })
         };
         attack.candidates.iter().map(row).collect()
     }

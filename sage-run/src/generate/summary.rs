@@ -2,7 +2,7 @@
 
 use advsage::{
     operating_point::OperatingPointSpec,
-    rows::{attack::prevented, found_attack::FoundRow},
+    rows::attack::{AttackRow, prevented},
 };
 use sage_core::{selection_outcome::SelectionOutcome, text::table::Table};
 
@@ -30,7 +30,7 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    pub(super) fn add(&mut self, row: &FoundRow) {
+    pub(super) fn add(&mut self, row: &AttackRow) {
         self.scenes += 1;
         match REASONS.iter().position(|(outcome, _)| *outcome == row.outcome) {
             Some(reason) => self.without[reason] += 1,

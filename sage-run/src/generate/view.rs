@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use advsage::{operating_point::OperatingPointSpec, rows::found_attack};
+use advsage::{operating_point::OperatingPointSpec, rows::attack};
 use anyhow::Result;
 use sage_core::{
     generator::Proposal,
@@ -156,7 +156,7 @@ impl Paths {
 /// What came of an attack, in a sentence.
 fn ending(one: &MeasuredAttack, unbelievable: &[Reason]) -> String {
     // The page shows no code, so names stand there without quotation marks.
-    let mut sentence = found_attack::words(one.outcome, &one.counts, one.contact, unbelievable);
+    let mut sentence = attack::words(one.outcome, &one.counts, one.contact, unbelievable);
     if let Some(first) = sentence.get(..1).map(str::to_uppercase) {
         sentence.replace_range(..1, &first);
     }

@@ -7,13 +7,13 @@ use std::{
 
 use advsage::{
     attacked_files::{Attack, AttackedFiles, Facts, Formats},
-    rows::ROW_LIMIT,
+    rows::{
+        ROW_LIMIT,
+        attack::{AttackRow, LeftOutRow},
+    },
 };
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
-use sage_core::{
-    files::{self, Existing},
-    motion::Trajectory,
-};
+use sage_core::files::{self, Existing};
 use sage_data::{Recording, folder, openscenario::Options};
 use sage_run::{
     Outcome,
@@ -21,36 +21,9 @@ use sage_run::{
     progress,
     scene_queue::{self, Failure, Input, Report, SceneReport, Scenes, Worked},
 };
-use serde::Deserialize;
-use serde_json::{Map, Value, json};
+use serde_json::json;
 
 use crate::cli::{ConvertArgs, ConvertFormat};
-
-/// Fields of a row that say what came of an attack and not how it was generated; `Row` takes the others.
-const RESULTS: [&str; 7] = ["run_hash", "files", "chosen", "violations", "outcome", "counts", "note"];
-
-/// What is read of a row.
-#[derive(Deserialize)]
-struct Row {
-    scene: String,
-    variant: String,
-    source_hash: String,
-    seed: u64,
-    adversary: String,
-    trajectory: Trajectory,
-    feasible: bool,
-    scores: RowScores,
-    #[serde(flatten)]
-    described: Map<String, Value>,
-}
-
-#[derive(Deserialize)]
-struct RowScores {
-    collision_step: Option<usize>,
-    adversarial_reward: f64,
-    kinematic_penalty: f64,
-    behavior_penalty: f64,
-}
 
 /// The folder of a run of `sage generate`.
 struct Source {
@@ -197,7 +170,7 @@ impl Source {
             if !scene_queue::is_row_of(file, &self.run) {
                 continue;
             }
-            let Some(row) = Row::read(file).with_context(in_row)? else { continue };
+            let Some(row) = read_row(file).with_context(in_row)? else { continue };
             ensure!(
                 hash.starts_with(&row.source_hash) && row.scene == input.scene,
                 "`{}` is not the scene that {} attacks: its hash is another, or its --ego-track",
@@ -206,18 +179,22 @@ impl Source {
             );
             let recorded = recording.scene.adversary().is_ok_and(|track| track.id == row.adversary);
             let scene = recording.scene.clone().with_roles(None, (!recorded).then_some(&*row.adversary))?;
-            let described = row.described();
             let attack = Attack {
                 trajectory: &row.trajectory,
                 variant: &row.variant,
-                described: &described,
+                generated: &row.generated,
                 weights: self.weights.as_deref(),
                 seed: row.seed,
                 command: &self.command,
             };
             let mut written = writer.files(&scene, &attack)?;
             if let Some(scenarios) = writer.scenarios(&scene) {
-                written.extend(writer.scenario(&scenarios, &scene, &attack, &row.facts().and(&described))?);
+                written.extend(writer.scenario(
+                    &scenarios,
+                    &scene,
+                    &attack,
+                    &facts(&row).and(&row.generated),
+                )?);
             }
             for (name, bytes) in &written {
                 let path = run.folder().path().join(name);
@@ -230,50 +207,34 @@ impl Source {
     }
 }
 
-impl Row {
-    /// Reads a row; `None` if it says that its scene is left out.
-    ///
-    /// *Errors*: it is none, or attacks a drive that its scene does not hold.
-    fn read(file: &Path) -> Result<Option<Self>> {
-        let mut value: Value = serde_json::from_slice(&files::read(file, ROW_LIMIT)?)?;
-        if let Some(row) = value.as_object_mut() {
-            if row.contains_key("left_out") {
-                return Ok(None);
-            }
-            row.remove("candidates");
-        }
-        let row: Self = serde_json::from_value(value).context("it is no row of `sage generate`")?;
-        if let Some(ego) = row.described.get("ego") {
-            return Err(anyhow!(
-                "it attacks a drive of {ego}, which its scene does not hold; attack again with --format pickle"
-            ));
-        }
-        Ok(Some(row))
+/// Reads a row; `None` if it says that its scene is left out.
+///
+/// *Errors*: it is none, or attacks a drive that its scene does not hold.
+fn read_row(file: &Path) -> Result<Option<AttackRow>> {
+    let bytes = files::read(file, ROW_LIMIT)?;
+    let row: AttackRow = match serde_json::from_slice(&bytes) {
+        Ok(row) => row,
+        Err(_) if serde_json::from_slice::<LeftOutRow>(&bytes).is_ok() => return Ok(None),
+        Err(error) => return Err(error).context("it is no row of `sage generate`"),
+    };
+    if let Some(ego) = &row.generated.ego {
+        return Err(anyhow!(
+            "it attacks a drive of {ego:?}, which its scene does not hold; attack again with --format pickle"
+        ));
     }
+    Ok(Some(row))
+}
 
-    /// How the attack was generated.
-    fn described(&self) -> Map<String, Value> {
-        let is_result = |key: &String| RESULTS.contains(&&**key);
-        self.described
-            .iter()
-            .filter(|(key, _)| !is_result(key))
-            .map(|(k, v)| (k.clone(), v.clone()))
-            .collect()
-    }
-
-    /// What an OpenSCENARIO file says about the attack.
-    fn facts(&self) -> Facts<'_> {
-        let RowScores { collision_step, adversarial_reward, kinematic_penalty, behavior_penalty } =
-            self.scores;
-        let (seed, adversary, feasible) = (self.seed, &*self.adversary, self.feasible);
-        Facts {
-            seed,
-            adversary,
-            feasible,
-            collision_step,
-            adversarial_reward,
-            kinematic_penalty,
-            behavior_penalty,
-        }
+/// What an OpenSCENARIO file says about an attack.
+fn facts(row: &AttackRow) -> Facts<'_> {
+    let scores = &row.scores.scores;
+    Facts {
+        seed: row.seed,
+        adversary: &row.adversary,
+        feasible: row.feasible,
+        collision_step: scores.collision_step,
+        adversarial_reward: scores.adversarial_reward,
+        kinematic_penalty: scores.kinematic_penalty,
+        behavior_penalty: scores.behavior_penalty,
     }
 }

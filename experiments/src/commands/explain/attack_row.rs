@@ -5,47 +5,28 @@ use std::{
     sync::Arc,
 };
 
-use advsage::{Registries, rows::ROW_LIMIT};
+use advsage::{
+    Registries,
+    rows::{
+        ROW_LIMIT,
+        attack::{AttackRow, CandidateRow},
+    },
+};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
     generator::{Attack, Proposal},
-    geometry::Point,
     motion::Trajectory,
     objective::{Objective, ObjectiveSpec},
     scene::Scene,
 };
 use sage_data::{ReadOptions, Recording};
-use serde::Deserialize;
 
-/// What is read of the file.
-#[derive(Deserialize)]
-struct Row {
-    scene: String,
-    variant: String,
-    source_hash: String,
-    files: Vec<String>,
-    adversary: String,
-    method: String,
-    mu: f64,
-    /// The driver that was attacked, if it is not the recording.
-    ego: Option<String>,
-    selection: ObjectiveSpec,
-    chosen: usize,
-    candidates: Vec<Candidate>,
-}
-
-#[derive(Deserialize)]
-struct Candidate {
-    log_prob: Option<f64>,
-    #[serde(default)]
-    nll: Option<f64>,
-    goal: Option<Point>,
-    trajectory: Trajectory,
-}
+/// A row with the candidates that the attack was selected from.
+type Row = AttackRow<Vec<CandidateRow<Trajectory>>>;
 
 /// An attack that a row records, in its scene.
-pub(super) struct AttackRow {
+pub(super) struct RecordedAttack {
     pub(super) method: String,
     pub(super) variant: String,
     pub(super) mu: f64,
@@ -54,7 +35,7 @@ pub(super) struct AttackRow {
     selection: ObjectiveSpec,
 }
 
-impl AttackRow {
+impl RecordedAttack {
     /// Reads a row, and its scene: the given one, else that of a scene file beside the row.
     ///
     /// *Errors*: it is no such row, or has no scene.
@@ -73,21 +54,22 @@ impl AttackRow {
             path.display()
         );
         let recording = match given {
-            Some(given) => row.source(given, options)?,
-            None => Recording::read(&row.scene_file(path)?)?,
+            Some(given) => source(&row, given, options)?,
+            None => Recording::read(&scene_file(&row, path)?)?,
         };
         let scene = Arc::new(recording.scene.with_roles(None, Some(&row.adversary))?);
-        let proposal =
-            |Candidate { log_prob, nll, goal, trajectory }| Proposal { trajectory, log_prob, goal, nll };
+        let proposal = |CandidateRow { log_prob, nll, goal, trajectory, .. }: CandidateRow<Trajectory>| {
+            Proposal { trajectory, log_prob, goal, nll }
+        };
         let candidates = row.candidates.into_iter().map(proposal).collect();
         let attack = Attack::of(candidates, row.chosen, None);
         Ok(Self {
-            method: row.method,
+            method: row.generated.method.unwrap_or_default(),
             variant: row.variant,
-            mu: row.mu,
+            mu: row.generated.mu.context("the row has no `mu`")?,
             scene,
             attack,
-            selection: row.selection,
+            selection: row.generated.selection.context("the row has no `selection`")?,
         })
     }
 
@@ -100,38 +82,36 @@ impl AttackRow {
     }
 }
 
-impl Row {
-    /// The scene that was attacked.
-    ///
-    /// *Errors*: it is another scene, or the row attacks another drive of the ego than the recorded one.
-    fn source(&self, path: &Path, options: &ReadOptions) -> Result<Recording> {
-        if let Some(ego) = &self.ego {
-            bail!(
-                "the row attacks a drive of `{ego}`, which the scene does not hold; attack again with --format pickle"
-            );
-        }
-        let bytes = sage_data::read_bytes(path)?;
-        let hash = options.source_hash(&bytes);
-        ensure!(
-            hash.starts_with(&self.source_hash),
-            "`{}` is not the scene `{}` that the row attacks: its hash is another, or its --ego-track",
-            path.display(),
-            self.scene
+/// The scene that was attacked.
+///
+/// *Errors*: it is another scene, or the row attacks another drive of the ego than the recorded one.
+fn source(row: &Row, path: &Path, options: &ReadOptions) -> Result<Recording> {
+    if let Some(ego) = &row.generated.ego {
+        bail!(
+            "the row attacks a drive of `{ego}`, which the scene does not hold; attack again with --format pickle"
         );
-        Ok(Recording::from_bytes_as(path, bytes, options)?)
     }
+    let bytes = sage_data::read_bytes(path)?;
+    let hash = options.source_hash(&bytes);
+    ensure!(
+        hash.starts_with(&row.source_hash),
+        "`{}` is not the scene `{}` that the row attacks: its hash is another, or its --ego-track",
+        path.display(),
+        row.scene
+    );
+    Ok(Recording::from_bytes_as(path, bytes, options)?)
+}
 
-    /// The attacked scene beside the row.
-    fn scene_file(&self, row: &Path) -> Result<PathBuf> {
-        let is_scene = |name: &&String| name.ends_with(".pkl") || name.ends_with(".safetensors");
-        let is_plain = |name: &&String| !name.contains(['/', '\\']);
-        let file = self.files.iter().filter(is_plain).find(is_scene);
-        let path = file.map(|name| row.with_file_name(name)).filter(|path| path.is_file());
-        path.with_context(|| {
-            format!(
-                "there is no scene file beside `{}`; name the scene that it attacks with --of FILE",
-                row.display()
-            )
-        })
-    }
+/// The attacked scene beside the row.
+fn scene_file(row: &Row, path: &Path) -> Result<PathBuf> {
+    let is_scene = |name: &&String| name.ends_with(".pkl") || name.ends_with(".safetensors");
+    let is_plain = |name: &&String| !name.contains(['/', '\\']);
+    let file = row.files.iter().filter(is_plain).find(is_scene);
+    let found = file.map(|name| path.with_file_name(name)).filter(|file| file.is_file());
+    found.with_context(|| {
+        format!(
+            "there is no scene file beside `{}`; name the scene that it attacks with --of FILE",
+            path.display()
+        )
+    })
 }

@@ -1,16 +1,16 @@
 //! The page of a scene: its failures in the player, from their rows alone.
 
-use advsage::rows::search::SceneRow;
+use advsage::rows::search::{FailureRow, SceneRow};
 use anyhow::Result;
 use sage_core::{
     motion::{DT, NOW},
     scene::Track,
 };
-use sage_sim::{avoidable::Avoidable, vehicle::Motion};
+use sage_sim::vehicle::Motion;
 use sage_view::player::{self, Meeting, Panel};
 
 use super::{FILE, entry::Entry};
-use crate::commands::search::found::{FailureFile, FailureScene, without_folders};
+use crate::commands::search::found::{FailureScene, without_folders};
 
 /// Drives in a row.
 const COLUMNS: usize = 3;
@@ -21,24 +21,20 @@ const COLUMNS: usize = 3;
 pub(super) fn page(
     scene: &FailureScene,
     row: &SceneRow,
-    failures: &[(usize, FailureFile)],
+    failures: &[(usize, FailureRow)],
     entries: &[Entry],
 ) -> Result<String> {
     let unattacked = motions(row.unattacked_path());
     let mut parts = Vec::with_capacity(failures.len());
     for (_, failure) in failures {
-        let step = failure.contact.as_ref().map_or(0, |met| usize::try_from(met.step).unwrap_or_default());
+        let step =
+            failure.evaluated.contact.as_ref().map_or(0, |met| usize::try_from(met.step).unwrap_or_default());
         let driven = failure.ego_history.iter().chain(failure.ego_path.iter().take(step));
-        let avoidable = Avoidable {
-            latest_start: failure.latest_start,
-            witness: failure.witness.clone(),
-            ..Avoidable::default()
-        };
         parts.push(Parts {
             motions: motions(&driven.copied().collect::<Vec<_>>()),
             meeting: Meeting { frame: NOW + step, areas: scene.driven(failure)?.boxes_at(step)? },
             adversary: scene.scene().adversary()?.following(&failure.trajectory),
-            evasion: avoidable.evasion(step).map(|(_, poses)| poses.to_vec()),
+            evasion: failure.avoidable.evasion(step).map(|(_, poses)| poses.to_vec()),
         });
     }
     let panels: Vec<Panel> =

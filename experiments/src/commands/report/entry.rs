@@ -1,6 +1,6 @@
 //! What the page says of one failure.
 
-use advsage::rows::search::failure_name;
+use advsage::rows::search::{FailureRow, failure_name};
 use anyhow::{Context as _, Result};
 use sage_core::geometry::{Aabb, Point};
 use sage_sim::{
@@ -9,9 +9,8 @@ use sage_sim::{
 };
 use sage_view::listing::car::{Car, path, shown_area};
 use serde::Serialize;
-use serde_json::Value;
 
-use crate::commands::search::found::{FailureFile, FailureScene, without_folders};
+use crate::commands::search::found::{FailureScene, without_folders};
 
 /// A failure on the page.
 #[derive(Serialize)]
@@ -52,7 +51,7 @@ impl Entry {
     pub(super) fn new(
         scene: &FailureScene,
         number: usize,
-        failure: &FailureFile,
+        failure: &FailureRow,
         page: &str,
     ) -> Result<(Self, Aabb)> {
         let name = failure_name(number);
@@ -60,7 +59,7 @@ impl Entry {
         let features = driven.features(failure).with_context(|| name.clone())?;
         let Features { collision, ego, adversary, road, .. } = features;
         let circumstances = driven.circumstances(failure).with_context(|| name.clone())?;
-        let met = failure.contact.as_ref().with_context(|| format!("{name} has no `contact`"))?;
+        let met = failure.evaluated.contact.as_ref().with_context(|| format!("{name} has no `contact`"))?;
         let step = usize::try_from(met.step).unwrap_or_default();
         let [own, other] = driven.boxes_at(step).with_context(|| name.clone())?;
         let tracks = (scene.scene().ego(), scene.scene().adversary()?);
@@ -68,14 +67,13 @@ impl Entry {
         let paths = [path(tracks.0, &positions, step), path(tracks.1, failure.trajectory.points(), step)];
         let area = shown_area(&paths);
         let [ego_path, adversary_path] = &paths;
-        let method = failure.plan.get("method").and_then(Value::as_str).unwrap_or_default();
-        let plan = method.split('{').next().unwrap_or_default().to_owned();
-        let lambda = failure.plan.get("lambda").and_then(Value::as_f64).filter(|_| plan != "random");
+        let plan = failure.plan.method.split('{').next().unwrap_or_default().to_owned();
+        let lambda = failure.plan.lambda.filter(|_| plan != "random");
         let entry = Self {
             scene: 0,
             page: format!("{page}#{name}"),
             name,
-            driver: without_folders(&failure.ego),
+            driver: without_folders(&failure.head.ego),
             cluster: features.cluster(),
             collision: collision.name(),
             ego_does: ego.words(),
@@ -85,15 +83,15 @@ impl Entry {
             at_fault: met.class.is_at_fault(),
             plan,
             lambda,
-            latest_start: failure.latest_start,
-            human_time: failure.human_time,
-            prevented_by: failure.prevented_by(),
+            latest_start: failure.avoidable.latest_start,
+            human_time: failure.evaluated.human_time,
+            prevented_by: failure.prevented_by().map(str::to_owned),
             adversary_from: circumstances.adversary_from.words(),
             violation: circumstances.violation(),
             right_of_way: circumstances.right_of_way.map_or("unknown", Party::words),
             contact_after: met.step as f64 / 10.0,
             impact: met.impact_speed,
-            reward: failure.reward,
+            reward: failure.evaluated.reward,
             ego: Car::new(&own, ego_path),
             adversary: Car::new(&other, adversary_path),
         };

@@ -5,12 +5,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use advsage::rows::search::{SceneRow, failure_name, row_file, unchanged_file};
+use advsage::rows::search::{FailureRow, SceneRow, failure_name, row_file, unchanged_file};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
     geometry::OrientedBox,
-    motion::{HORIZON, MAX_COORDINATE, NOW, Trajectory},
+    motion::{HORIZON, MAX_COORDINATE, NOW},
     objective::{Candidate, Context, ContextOptions, EgoPaths, PartSpec},
     scene::{Scene, SceneIndex},
 };
@@ -21,14 +21,12 @@ use sage_run::{
     scene_queue::is_row_of,
 };
 use sage_sim::{
-    avoidable::earlier_names,
     episode::LAST_FRAME,
     fault::FaultRule,
-    reference::Answer,
-    search::{Circumstances, Clauses, Features, Met, SearchOptions, suite::MOST_TESTS},
+    search::{Circumstances, Features, SearchOptions, suite::MOST_TESTS},
 };
 use serde::{Deserialize, de::DeserializeOwned};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 /// Size limit of a row, bytes.
 const LIMIT: u64 = 1 << 24;
@@ -55,41 +53,6 @@ pub(in crate::commands) struct SearchRecord {
     /// The rule that says who is at fault.
     #[serde(default)]
     pub(in crate::commands) fault: FaultRule,
-}
-
-/// What other commands need of the row of a failure.
-#[derive(Deserialize)]
-pub(in crate::commands) struct FailureFile {
-    pub(in crate::commands) ego: String,
-    pub(in crate::commands) adversary: String,
-    pub(in crate::commands) seed: u64,
-    pub(in crate::commands) trajectory: Trajectory,
-    pub(in crate::commands) plan: Map<String, Value>,
-    pub(in crate::commands) contact: Option<Met>,
-    pub(in crate::commands) clauses: Clauses,
-    pub(in crate::commands) reward: f64,
-    #[serde(default)]
-    pub(in crate::commands) references: Vec<Answer>,
-    #[serde(default)]
-    pub(in crate::commands) human_time: Option<f64>,
-    /// Box centre and heading of the ego at frames 0 to *now*.
-    pub(in crate::commands) ego_history: Vec<[f64; 3]>,
-    /// The same at steps 1 to 80.
-    pub(in crate::commands) ego_path: Vec<[f64; 3]>,
-    #[serde(flatten, with = "earlier_names::latest_start")]
-    pub(in crate::commands) latest_start: Option<f64>,
-    #[serde(default)]
-    pub(in crate::commands) witness: Option<Vec<[f64; 3]>>,
-    #[serde(flatten)]
-    pub(in crate::commands) described: Map<String, Value>,
-}
-
-impl FailureFile {
-    /// The reference driver that prevents the contact.
-    pub(in crate::commands) fn prevented_by(&self) -> Option<String> {
-        let prevents = self.references.iter().find(|answer| answer.prevents == Some(true));
-        prevents.map(|answer| answer.reference.clone())
-    }
 }
 
 impl<'a> Found<'a> {
@@ -141,13 +104,13 @@ impl<'a> Found<'a> {
     /// A failure by its number, 1 the first found.
     ///
     /// *Errors*: it cannot be read.
-    pub(in crate::commands) fn failure(&self, row: &SceneRow, number: usize) -> Result<FailureFile> {
+    pub(in crate::commands) fn failure(&self, row: &SceneRow, number: usize) -> Result<FailureRow> {
         let path = self.folder.join(row_file(&format!("{}-{}", row.scene(), failure_name(number))));
-        let failure: FailureFile = json(&path).context("search again with this version")?;
+        let failure: FailureRow = json(&path).context("search again with this version")?;
         let check = || -> Result<()> {
             check_poses("ego_history", &failure.ego_history, NOW + 1..=NOW + 1)?;
             check_poses("ego_path", &failure.ego_path, 1..=HORIZON)?;
-            check_poses("witness", failure.witness.as_deref().unwrap_or_default(), 0..=HORIZON)
+            check_poses("witness", failure.avoidable.witness.as_deref().unwrap_or_default(), 0..=HORIZON)
         };
         check().with_context(|| format!("`{}`", path.display()))?;
         Ok(failure)
@@ -189,16 +152,16 @@ impl DrivenFailure {
     /// Features of a failure.
     ///
     /// *Errors*: its contact is not within its path.
-    pub(in crate::commands) fn features(&self, failure: &FailureFile) -> Result<Features> {
-        let met = failure.contact.as_ref().context("it has no `contact`")?;
-        Features::of(&self.ctx, &self.plan, met, failure.latest_start).context(NOT_WITHIN)
+    pub(in crate::commands) fn features(&self, failure: &FailureRow) -> Result<Features> {
+        let met = failure.evaluated.contact.as_ref().context("it has no `contact`")?;
+        Features::of(&self.ctx, &self.plan, met, failure.avoidable.latest_start).context(NOT_WITHIN)
     }
 
     /// Circumstances of a failure.
     ///
     /// *Errors*: its contact is not within its path.
-    pub(in crate::commands) fn circumstances(&self, failure: &FailureFile) -> Result<Circumstances> {
-        let met = failure.contact.as_ref().context("it has no `contact`")?;
+    pub(in crate::commands) fn circumstances(&self, failure: &FailureRow) -> Result<Circumstances> {
+        let met = failure.evaluated.contact.as_ref().context("it has no `contact`")?;
         Circumstances::of(&self.ctx, &self.plan, met).context(NOT_WITHIN)
     }
 
@@ -233,7 +196,7 @@ impl FailureScene {
     /// A failure on this scene.
     ///
     /// *Errors*: its path is not as a search writes it.
-    pub(in crate::commands) fn driven(&self, failure: &FailureFile) -> Result<DrivenFailure> {
+    pub(in crate::commands) fn driven(&self, failure: &FailureRow) -> Result<DrivenFailure> {
         let positions = failure.ego_path.iter().map(|[x, y, _]| [*x, *y]).collect();
         let headings = failure.ego_path.iter().map(|pose| pose[2]).collect();
         let ctx = self.0.with_ego(&EgoPaths::one("`ego_path`", positions, Some(headings))?)?;

@@ -4,8 +4,10 @@ use std::{path::Path, sync::Arc, time::Instant};
 
 use advsage::{
     attacked_files::{Attack, AttackedFiles, Scenarios},
+    operating_point::RowKey,
     prepared::DriverInScene,
     rows::{
+        GeneratedBy,
         contact::step,
         plan::PlanRow,
         search::{
@@ -27,7 +29,7 @@ use sage_sim::{
     vehicle::Motion,
 };
 use sage_view::player::shown_part;
-use serde_json::{Map, Value, json};
+use serde_json::json;
 
 use super::{picture, searcher::Searcher};
 use crate::cli::SearchFormat;
@@ -141,9 +143,8 @@ impl OneScene<'_> {
         let scenarios = files.scenarios(scene);
         let mut names = Vec::new();
         for (k, failure) in result.failures.iter().enumerate() {
-            let variant = failure_name(k + 1);
             let from = (files, scenarios.as_ref());
-            let written = self.one_failure(from, scene, head, pool, result, (failure, &variant))?;
+            let written = self.one_failure(from, scene, head, (pool, result), (failure, k + 1))?;
             self.run.folder().write_all(&written)?;
             names.extend(written.into_iter().map(|(name, _)| name));
         }
@@ -155,54 +156,46 @@ impl OneScene<'_> {
         (files, scenarios): (&AttackedFiles, Option<&Scenarios>),
         scene: &Scene,
         head: &RowHead,
-        pool: &Pool,
-        result: &SearchResult,
-        (failure, variant): (&DriverFailure, &str),
+        found: (&Pool, &SearchResult),
+        (failure, number): (&DriverFailure, usize),
     ) -> Result<Vec<(String, Vec<u8>)>> {
-        let (searcher, evaluated) = (self.searcher, &result.driven[failure.drive]);
-        let plan = &pool.plans[evaluated.plan];
-        let key = self.searcher.plans().source(plan.source);
-        let described = self.described(key.and_then(|key| serde_json::to_value(key).ok()));
+        let (pool, evaluated) = (found.0, &found.1.driven[failure.drive]);
+        let searcher = self.searcher;
+        let key = searcher.plans().source(pool.plans[evaluated.plan].source);
+        let generated = self.generated_by(key);
+        let mut row = FailureRow::new(head, number, Some(generated.clone()), found, failure, key);
         let attack = Attack {
-            trajectory: &plan.proposal.trajectory,
-            variant,
-            described: &described,
+            trajectory: &row.trajectory,
+            variant: &row.variant,
+            generated: &generated,
             weights: searcher.weights_name(),
-            seed: searcher.args.attack.seed,
+            seed: head.seed,
             command: &output::command(),
         };
         let mut all = files.files(scene, &attack)?;
         if let Some(scenarios) = scenarios {
-            let mut facts = described.clone();
-            facts.insert("seed".to_owned(), json!(searcher.args.attack.seed));
+            let mut facts = generated.to_map();
+            facts.insert("seed".to_owned(), json!(head.seed));
             facts.insert("adversary".to_owned(), json!(head.adversary));
             let after = evaluated.contact.as_ref().map(|met| met.step as f64 / 10.0);
             facts.insert("contact_after_seconds".to_owned(), json!(after));
             facts.insert("adversarial_reward".to_owned(), json!(evaluated.reward));
             all.extend(files.scenario(scenarios, scene, &attack, &facts)?);
         }
-        let names = all.iter().map(|(name, _)| name.clone()).collect();
-        let row = FailureRow::new((head, variant), names, &described, pool, result, failure, key);
-        all.push((row_file(&format!("{}-{variant}", self.name)), serde_json::to_vec(&row)?));
+        row.files = all.iter().map(|(name, _)| name.clone()).collect();
+        all.push((row_file(&format!("{}-{}", self.name, row.variant)), serde_json::to_vec(&row)?));
         Ok(all)
     }
 
-    /// How a plan was generated.
-    fn described(&self, key: Option<Value>) -> Map<String, Value> {
-        let key = key.unwrap_or_default();
-        let point = &key["point"];
-        let described = json!({
-            "method": key["method"], "options": key["options"], "lambda": point["lambda"], "mu": point["mu"],
-            "aggression": point["aggression"], "search": self.searcher.options,
-            "merger": self.searcher.args.attack.points.merging.merger.to_string(),
-        });
-        let Value::Object(mut described) = described else { return Map::new() };
-        if let Some(mix) = point["mix"].as_array() {
-            let mix =
-                mix.iter().map(|pair| (pair[0].as_str().unwrap_or_default().to_owned(), pair[1].clone()));
-            described.insert("mix".to_owned(), Value::Object(mix.collect()));
-        }
-        described
+    /// How a plan was generated; `key` is its source.
+    fn generated_by(&self, key: Option<&RowKey>) -> GeneratedBy {
+        let merger = &self.searcher.args.attack.points.merging.merger;
+        let of_plan = key.map_or_else(
+            || GeneratedBy { merger: Some(merger.to_string()), ..GeneratedBy::default() },
+            |key| GeneratedBy::at(&key.part(), merger, key.point.as_ref()),
+        );
+        let options = of_plan.options.clone().filter(|options| !options.is_empty());
+        GeneratedBy { options, search: Some(self.searcher.options), ..of_plan }
     }
 
     fn drives<'r>(&'r self, head: &'r RowHead, pool: &'r Pool, result: &'r SearchResult) -> DrivesFile<'r> {

@@ -2,8 +2,12 @@
 
 use std::path::Path;
 
-use advsage::rows::ROW_LIMIT;
-use anyhow::{Context as _, Result, anyhow, bail, ensure};
+use advsage::rows::{
+    GeneratedBy, ROW_LIMIT,
+    attack::AttackRow,
+    search::{FailureRow, RowHead},
+};
+use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
     geometry::distance,
@@ -11,16 +15,11 @@ use sage_core::{
     scene::{Scene, Track},
 };
 use sage_data::Recording;
-use serde_json::{Map, Value};
 
 /// Way in one step that no vehicle covers, metres.
 const FAR: f64 = 10.0;
 /// Distance between two positions that are the same, metres. Files store 32-bit numbers.
 const SAME: f64 = 0.05;
-/// Fields that describe how an attack was generated.
-const DESCRIPTION: [&str; 8] =
-    ["method", "options", "lambda", "mu", "aggression", "mix", "merger", "selection"];
-
 /// An attack from a file.
 pub(super) struct AttackFile {
     name: String,
@@ -28,7 +27,7 @@ pub(super) struct AttackFile {
     hash: String,
     content: Content,
     /// How it was generated.
-    described: Map<String, Value>,
+    generated: GeneratedBy,
 }
 
 enum Content {
@@ -36,31 +35,26 @@ enum Content {
     Scene(Box<Scene>),
 }
 
-/// The part of a row of `sage generate` that a drive needs.
+/// The part of a row of `sage generate` or of a failure that a drive needs.
 struct GeneratedRow {
     scene: String,
-    /// Rows of earlier versions do not name it.
-    adversary: Option<String>,
+    adversary: String,
     source_hash: String,
     trajectory: Trajectory,
 }
 
-impl GeneratedRow {
-    fn of(all: &Map<String, Value>) -> Result<Self> {
-        let text = |key: &str| {
-            let found = all.get(key).and_then(Value::as_str).map(str::to_owned);
-            found.ok_or_else(|| anyhow!("its field `{key}` is no text"))
-        };
-        let trajectory = all.get("trajectory").cloned().unwrap_or_default();
-        let trajectory = serde_json::from_value(trajectory);
-        Ok(Self {
-            scene: text("scene")?,
-            adversary: text("adversary").ok(),
-            source_hash: text("source_hash")?,
-            trajectory: trajectory
-                .map_err(|_| anyhow!("its field `trajectory` is not {HORIZON} times [x, y]"))?,
-        })
+/// Reads a row with a plan, and how it was made.
+fn read_row(bytes: &[u8]) -> serde_json::Result<(GeneratedRow, GeneratedBy)> {
+    if let Ok(FailureRow { head, trajectory, generated, .. }) = serde_json::from_slice(bytes) {
+        let RowHead { scene, adversary, source_hash, .. } = head;
+        return Ok((
+            GeneratedRow { scene, adversary, source_hash, trajectory },
+            generated.unwrap_or_default().of_plan(),
+        ));
     }
+    let AttackRow { scene, adversary, source_hash, trajectory, generated, .. }: AttackRow =
+        serde_json::from_slice(bytes)?;
+    Ok((GeneratedRow { scene, adversary, source_hash, trajectory }, generated.of_plan()))
 }
 
 impl AttackFile {
@@ -77,19 +71,17 @@ impl AttackFile {
             sage_data::read_bytes(file)?
         };
         let hash = blake3::hash(&bytes).to_hex()[..16].to_owned();
-        let (content, described) = if is_row {
-            let all = serde_json::from_slice(&bytes).context("it is no JSON object");
-            let row = all.and_then(|all| Ok((GeneratedRow::of(&all)?, all)));
-            let (row, all) = row.with_context(|| {
+        let (content, generated) = if is_row {
+            let (row, generated) = read_row(&bytes).with_context(|| {
                 format!("`{name}` is not a row of `sage generate`; --attack takes a row or an attacked scene")
             })?;
-            (Content::Row(row), description(&all))
+            (Content::Row(row), generated)
         } else {
             let recording = Recording::from_bytes(file, bytes)?;
-            let described = provenance(&recording)?;
-            (Content::Scene(Box::new(recording.scene)), described)
+            let generated = provenance(&recording)?;
+            (Content::Scene(Box::new(recording.scene)), generated)
         };
-        Ok(Self { name, hash, content, described })
+        Ok(Self { name, hash, content, generated })
     }
 
     /// Hash of the file.
@@ -98,8 +90,8 @@ impl AttackFile {
     }
 
     /// How the attack was generated, as far as the file says.
-    pub(super) fn described(&self) -> &Map<String, Value> {
-        &self.described
+    pub(super) fn generated(&self) -> &GeneratedBy {
+        &self.generated
     }
 
     /// Adversary (a track id) and trajectory of the attack in a scene. `wanted` is the adversary that the user
@@ -115,7 +107,7 @@ impl AttackFile {
     ) -> Result<(String, Trajectory)> {
         let name = &self.name;
         let (adversary, trajectory) = match &self.content {
-            Content::Row(row) => self.of_row(row, scene, scene_name, source_hash, wanted)?,
+            Content::Row(row) => self.of_row(row, scene, scene_name, source_hash)?,
             Content::Scene(attacked) => {
                 let track = self.changed_track(attacked, scene, scene_name)?;
                 (track.id.clone(), self.future(track)?)
@@ -133,7 +125,6 @@ impl AttackFile {
         scene: &Scene,
         scene_name: &str,
         source_hash: &str,
-        wanted: Option<&str>,
     ) -> Result<(String, Trajectory)> {
         let name = &self.name;
         ensure!(
@@ -141,10 +132,7 @@ impl AttackFile {
             "the attack in `{name}` is on scene `{}`, not on `{scene_name}`",
             row.scene
         );
-        let track = match row.adversary.as_deref().or(wanted) {
-            Some(id) => scene.tracks.iter().find(|track| track.id == id),
-            None => Some(scene.adversary()?),
-        };
+        let track = scene.tracks.iter().find(|track| track.id == row.adversary);
         let starts_there = |track: &&Track| {
             track.is_valid(NOW) && distance(track.point(NOW), row.trajectory.points()[0]) < FAR
         };
@@ -215,15 +203,9 @@ impl AttackFile {
 /// How the attack in a scene was generated, as far as its file says.
 ///
 /// *Errors*: a native file whose source is damaged.
-pub(super) fn provenance(recording: &Recording) -> Result<Map<String, Value>> {
+pub(super) fn provenance(recording: &Recording) -> Result<GeneratedBy> {
     let text = recording.provenance()?;
     // Another program may have written something else there.
-    let all: Option<Map<String, Value>> = text.and_then(|text| serde_json::from_str(&text).ok());
-    Ok(description(&all.unwrap_or_default()))
-}
-
-/// The fields that describe how an attack was generated.
-fn description(all: &Map<String, Value>) -> Map<String, Value> {
-    let field = |key: &&str| Some(((*key).to_owned(), all.get(*key)?.clone()));
-    DESCRIPTION.iter().filter_map(field).collect()
+    let all: Option<GeneratedBy> = text.and_then(|text| serde_json::from_str(&text).ok());
+    Ok(all.unwrap_or_default().of_plan())
 }

@@ -2,28 +2,28 @@
 
 use advsage::{
     generators::Against, named_generator::NamedGenerator, planned_attack::PlannedAttack, prepared,
+    rows::GeneratedBy,
 };
 use anyhow::{Context as _, Result};
 use sage_core::{motion::Trajectory, objective::Context};
 use sage_data::Recording;
 use sage_sim::attack_test::{AttackPath, AttackTest};
-use serde_json::{Map, Value};
 
 use super::{Attacked, attack_file};
 
 /// What attacks the drivers of one scene.
 pub(super) enum SceneAttacks<'a> {
     /// Nothing; with the description of an attack that the scene holds already.
-    AsItIs(Map<String, Value>),
+    AsItIs(GeneratedBy),
     /// One attack from a file, with its description.
-    Given(Trajectory, Map<String, Value>),
+    Given(Trajectory, GeneratedBy),
     /// A generator at its operating points.
     Generated(&'a NamedGenerator),
 }
 
 /// One drive of a driver: its attack, and what its row says of it.
 pub(super) struct PlannedDrive {
-    pub(super) described: Map<String, Value>,
+    pub(super) generated: GeneratedBy,
     /// Name of the operating point on the page; empty without a generator.
     pub(super) label: String,
     /// What differs between the drives of a sweep, and its value.
@@ -49,7 +49,7 @@ impl<'a> SceneAttacks<'a> {
             Attacked::FromFile(file) => {
                 let attack = file.attack(&recording.scene, scene_name, source_hash, wanted);
                 let (adversary, trajectory) = attack?;
-                (Self::Given(trajectory, file.described().clone()), Some(adversary))
+                (Self::Given(trajectory, file.generated().clone()), Some(adversary))
             }
             Attacked::Generated(generator) => (Self::Generated(generator), wanted_id()),
         })
@@ -68,14 +68,14 @@ impl<'a> SceneAttacks<'a> {
             || -> Result<Context> { Ok(prepared::drive(test.context("an attacked driver is tested")?)?) };
         match self {
             Self::AsItIs(known) => {
-                let described = complete(known.clone());
-                Ok(vec![PlannedDrive { described, label: String::new(), swept: None, attack: None }])
+                let generated = known.clone();
+                Ok(vec![PlannedDrive { generated, label: String::new(), swept: None, attack: None }])
             }
-            Self::Given(trajectory, described) => {
+            Self::Given(trajectory, generated) => {
                 let ctx = context()?;
                 let attack = Some(PlannedAttack::of(&ctx, AttackPath::of(trajectory.clone())));
-                let described = complete(described.clone());
-                Ok(vec![PlannedDrive { described, label: String::new(), swept: None, attack }])
+                let generated = generated.clone();
+                Ok(vec![PlannedDrive { generated, label: String::new(), swept: None, attack }])
             }
             Self::Generated(generator) => {
                 let (ctx, built) = (context()?, &generator.built);
@@ -90,19 +90,11 @@ impl<'a> SceneAttacks<'a> {
                     let planned = PlannedAttack::of(&ctx, path);
                     let attack = planned.after(attack.queries);
                     let swept = point.swept().filter(|_| uses_point);
-                    let described = generator.describe(point);
-                    Ok(PlannedDrive { described, label, swept, attack: Some(attack) })
+                    let generated = generator.generated_by(point);
+                    Ok(PlannedDrive { generated, label, swept, attack: Some(attack) })
                 });
                 planned.collect()
             }
         }
     }
-}
-
-/// A description whose fields `method` and `lambda` are there, null if they are not known.
-fn complete(mut known: Map<String, Value>) -> Map<String, Value> {
-    for key in ["method", "lambda"] {
-        known.entry(key).or_insert(Value::Null);
-    }
-    known
 }

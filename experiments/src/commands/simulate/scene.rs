@@ -5,7 +5,10 @@ use std::{path::Path, sync::Arc, time::Instant};
 use advsage::{
     as_cause,
     ego::Ego,
-    rows::drive::{AttackRow, DriveRow, RowHead},
+    rows::{
+        GeneratedBy,
+        drive::{AttackRow, DriveRow, RowHead},
+    },
 };
 use anyhow::{Context as _, Result};
 use sage_core::scene::{Scene, SceneIndex, Track};
@@ -18,8 +21,6 @@ use sage_sim::{
     SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, policy::Shown, traffic::Plan,
 };
 use sage_view::player::{self, Panel, Sweep};
-
-use serde_json::{Map, Value};
 
 use super::{Simulation, attacks::SceneAttacks};
 
@@ -154,7 +155,7 @@ impl SceneDrives<'_> {
         let test = self.attacks.has_attack().then(|| AttackTest::new(&*ego.policy, simulated, seed));
         let test = test.transpose().with_context(failed)?;
         for (variant, planned) in self.attacks.planned(test.as_ref())?.into_iter().enumerate() {
-            let (label, swept, described) = (planned.label, planned.swept, planned.described);
+            let (label, swept, generated) = (planned.label, planned.swept, planned.generated);
             let plan =
                 planned.attack.as_ref().map(|a| Plan::of_adversary(scene, &a.path.trajectory)).transpose()?;
             let driven = match (planned.attack, &test) {
@@ -171,7 +172,7 @@ impl SceneDrives<'_> {
             };
             let result = match driven {
                 Ok((episode, attack)) => {
-                    let row = self.row(scene, ego, &episode, described, attack);
+                    let row = self.row(scene, ego, &episode, generated, attack);
                     DriveResult::Driven(episode, Box::new(row))
                 }
                 Err(error) => DriveResult::Failed(PlannerFailure::of(error)?),
@@ -186,14 +187,14 @@ impl SceneDrives<'_> {
         scene: &Scene,
         ego: &Ego,
         episode: &Episode,
-        described: Map<String, Value>,
+        generated: GeneratedBy,
         attack: Option<AttackRow>,
     ) -> DriveRow {
         let head = RowHead {
             run_hash: self.run.hash(),
             scene: self.name,
             ego: &ego.label,
-            described,
+            generated: Some(generated),
             source_hash: self.source_hash,
             seed: self.simulation.args.options.seed,
         };

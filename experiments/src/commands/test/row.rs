@@ -25,16 +25,28 @@ pub(super) enum TestResult {
     Error,
 }
 
+/// What every result begins with, and what a baseline needs of an earlier one.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct ResultHead {
+    pub(super) test: String,
+    /// Which plan it was: another suite may have a test of the same name.
+    pub(super) plan_hash: String,
+    pub(super) ego: String,
+    /// Version of the definitions; rows of version 1 do not name it.
+    #[serde(default = "first_version")]
+    pub(super) suite: u32,
+    pub(super) result: TestResult,
+}
+
+fn first_version() -> u32 {
+    1
+}
+
 /// The result of a test, as `--json` prints it.
 #[derive(Debug, Serialize)]
 pub(super) struct ResultRow<'s> {
-    pub(super) test: &'s str,
-    /// Which plan it was: another suite may have a test of the same name.
-    plan_hash: &'s str,
-    ego: &'s str,
-    /// Version of the definitions.
-    suite: u32,
-    result: TestResult,
+    #[serde(flatten)]
+    pub(super) head: ResultHead,
     /// The driver that the failure was found with.
     found_with: &'s str,
     /// Cluster of that failure.
@@ -65,35 +77,21 @@ enum Driven {
     Failed {},
 }
 
-/// What a baseline needs of an earlier result.
-#[derive(Deserialize)]
-pub(super) struct EarlierRow {
-    pub(super) test: String,
-    pub(super) plan_hash: String,
-    pub(super) ego: String,
-    pub(super) result: TestResult,
-    /// Rows of version 1 do not name it.
-    #[serde(default = "first_version")]
-    pub(super) suite: u32,
-}
-
-fn first_version() -> u32 {
-    1
-}
-
 impl<'s> ResultRow<'s> {
-    fn new(suite: &Suite, test: &'s SuiteTest, ego: &'s str, driven: Driven, seconds: f64) -> Self {
+    fn new(suite: &Suite, test: &'s SuiteTest, ego: &str, driven: Driven, seconds: f64) -> Self {
         let is_passed = match &driven {
             Driven::Measured { shortfall, .. } => shortfall.is_none(),
             Driven::Clauses { missing, .. } => missing.is_some(),
             Driven::Failed {} => false,
         };
         Self {
-            test: &test.name,
-            plan_hash: &test.plan_hash,
-            ego,
-            suite: suite.suite,
-            result: if is_passed { TestResult::Passed } else { TestResult::Failed },
+            head: ResultHead {
+                test: test.name.clone(),
+                plan_hash: test.plan_hash.clone(),
+                ego: ego.to_owned(),
+                suite: suite.suite,
+                result: if is_passed { TestResult::Passed } else { TestResult::Failed },
+            },
             found_with: &test.found.ego,
             cluster: &test.found.cluster,
             driven,
@@ -105,18 +103,20 @@ impl<'s> ResultRow<'s> {
     pub(super) fn failed(
         suite: &Suite,
         test: &'s SuiteTest,
-        ego: &'s str,
+        ego: &str,
         error: &anyhow::Error,
         seconds: f64,
     ) -> Self {
-        let row = Self::new(suite, test, ego, Driven::Failed {}, seconds);
-        Self { result: TestResult::Error, error: Some(format!("{error:#}")), ..row }
+        let mut row = Self::new(suite, test, ego, Driven::Failed {}, seconds);
+        row.head.result = TestResult::Error;
+        row.error = Some(format!("{error:#}"));
+        row
     }
 
     pub(super) fn measured(
         suite: &Suite,
         test: &'s SuiteTest,
-        ego: &'s str,
+        ego: &str,
         drive: TestDrive,
         asked: Asked,
         seconds: f64,
@@ -128,7 +128,7 @@ impl<'s> ResultRow<'s> {
     pub(super) fn by_clauses(
         suite: &Suite,
         test: &'s SuiteTest,
-        ego: &'s str,
+        ego: &str,
         evaluated: Evaluated,
         seconds: f64,
     ) -> Self {
@@ -175,7 +175,7 @@ impl<'s> ResultRow<'s> {
     fn mark(&self) -> Option<String> {
         match &self.driven {
             Driven::Measured { drive, .. }
-                if self.result == TestResult::Passed && drive.contact.is_some() =>
+                if self.head.result == TestResult::Passed && drive.contact.is_some() =>
             {
                 Some(self.words())
             }
@@ -185,18 +185,18 @@ impl<'s> ResultRow<'s> {
 
     /// Whether it failed, and the baseline has the same.
     pub(super) fn is_accepted(&self, baseline: Option<&Earlier>) -> bool {
-        let before = baseline.and_then(|all| all.get(&(self.test.to_owned(), self.plan_hash.to_owned())));
-        self.result == TestResult::Failed && before == Some(&TestResult::Failed)
+        let before = baseline.and_then(|all| all.get(&(self.head.test.clone(), self.head.plan_hash.clone())));
+        self.head.result == TestResult::Failed && before == Some(&TestResult::Failed)
     }
 
     pub(super) fn case(&self, baseline: Option<&Earlier>) -> Case {
-        let verdict = match self.result {
+        let verdict = match self.head.result {
             TestResult::Passed => Verdict::Passed(self.mark()),
             TestResult::Failed if self.is_accepted(baseline) => Verdict::Accepted(self.words()),
             TestResult::Failed => Verdict::Failed(self.words()),
             TestResult::Error => Verdict::Error(self.words()),
         };
-        Case { name: self.test.to_owned(), seconds: self.seconds, verdict }
+        Case { name: self.head.test.clone(), seconds: self.seconds, verdict }
     }
 }
 
@@ -230,7 +230,7 @@ pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
     let heads = ["test", "result", "what happened", "found with", "cluster"];
     let mut table = Table { names: 3, ..Table::new("", &heads) };
     for row in rows {
-        let result = match row.result {
+        let result = match row.head.result {
             TestResult::Passed if row.mark().is_some() => "passed, contact",
             TestResult::Passed => "passed",
             TestResult::Failed if row.is_accepted(baseline) => "failed before",
@@ -238,18 +238,18 @@ pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
             TestResult::Error => "ERROR",
         };
         let cells = [result, &row.words(), row.found_with, row.cluster].map(terminal::escaped_name);
-        table.row(terminal::escaped_name(row.test), cells);
+        table.row(terminal::escaped_name(&row.head.test), cells);
     }
     output::print(&if args.wide { table.aligned() } else { table.terminal() })
 }
 
 /// Says how many tests passed. Done unless a test counts against the driver.
 pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>) -> Outcome {
-    let count = |result: TestResult| rows.iter().filter(|row| row.result == result).count();
+    let count = |result: TestResult| rows.iter().filter(|row| row.head.result == result).count();
     let [passed, failed, errors] = [TestResult::Passed, TestResult::Failed, TestResult::Error].map(count);
     let marked = rows.iter().filter(|row| row.mark().is_some()).count();
     // Only a failure excuses a failure: not an error, and not a test that the baseline does not know.
-    let counts = |row: &&ResultRow| row.result == TestResult::Failed && !row.is_accepted(baseline);
+    let counts = |row: &&ResultRow| row.head.result == TestResult::Failed && !row.is_accepted(baseline);
     let new: Vec<&ResultRow> = rows.iter().filter(counts).collect();
     let mut text = format!("{passed} of {} passed", progress::count(rows.len(), "test"));
     if marked > 0 {
@@ -261,7 +261,7 @@ pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>) -> Outcome {
     }
     if baseline.is_some() {
         text += &format!("; {} not in the baseline as failed", new.len());
-        new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(row.test)));
+        new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(&row.head.test)));
     }
     progress::say_lines(&text);
     if new.is_empty() && errors == 0 { Outcome::Done } else { Outcome::NotHeld }

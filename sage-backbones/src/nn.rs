@@ -1,8 +1,9 @@
 //! Layers with their gradients, written for one CPU core.
 //!
-//! Matrix products are candle's. The operations between them are fused here. candle's fused layer norm and
-//! softmax drop the gradient without an error, and its unfused ones cost more than the products. Every
-//! operation works in `f32` and, for checks against finite differences, in `f64`.
+//! Layers and optimiser are our own, behind candle's traits. Matrix products are candle's; the operations between them are
+//! fused here. candle's fused layer norm and softmax drop the gradient without an error, and its unfused ones cost more than
+//! the products. Results have the same bits with and without gradients (tested). Every operation works in `f32` and, for checks
+//! against finite differences, in `f64`.
 
 mod adamw;
 mod add_row;

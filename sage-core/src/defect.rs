@@ -1,7 +1,8 @@
 //! Panics are defects of this program. One that a scene brings about costs that scene, not the run.
 //!
-//! Work on one scene goes through [`caught`]; what it has changed is dropped with it. Where a library is known to panic at
-//! damaged files, [`expected`] makes a panic an answer.
+//! Work on one scene goes through [`caught`] where a loop over scenes is; what it has changed is dropped with it. The hook
+//! notes where it panicked. A defect must not pass unseen, so it has an exit status of its own. Where a library is known to
+//! panic at damaged files, [`expected`] makes a panic an answer.
 
 use std::{
     cell::{Cell, RefCell},

@@ -91,8 +91,9 @@ pub trait PreparedProposer: Send + Sync {
 
 /// Generates attacks: new futures of the adversary in a scene.
 ///
-/// Implementations are pure: the same context, operating points and seed give the same bits on any thread.
-/// The attack at one operating point does not depend on the other points.
+/// Implementations are pure: the same context, operating points and seed give the same bits on any thread. A generator gets all
+/// operating points at once, so a sweep prepares a scene once. The attack at one point does not depend on the other points
+/// (tested).
 pub trait Generator: Send + Sync {
     /// An attack for each operating point, in their order.
     ///

@@ -1,4 +1,6 @@
 //! What came of the selection among a generator's candidates: an attack, or why there is none.
+//!
+//! It is one enum, so the table, the row, the page and `explain` cannot disagree.
 
 use std::collections::{BTreeMap, BTreeSet};
 

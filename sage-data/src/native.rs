@@ -1,9 +1,8 @@
 //! Native scene files: safetensors.
 //!
-//! A scene is a few packed tensors and a JSON header with the names. Reading it means one read of the file,
-//! slices and checks. The data of a MetaDrive source beyond the scene is stored as a pickle whose large
-//! arrays refer to the tensors, so that converting back loses nothing. `docs/formats.md` describes the
-//! format.
+//! A scene is a few packed tensors and a JSON header with the names. Reading it means one read of the file, slices and checks.
+//! The data of a MetaDrive source beyond the scene is stored as a pickle whose large arrays refer to the tensors, so that
+//! converting back loses nothing; reading a scene does not touch it. `docs/formats.md` describes the format.
 
 mod decode;
 mod encode;

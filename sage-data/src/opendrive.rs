@@ -8,6 +8,9 @@
 //!   junction: the first 2 m of the later lane become one connecting road per link.
 //! - A traffic light is a signal beside the lane that it controls.
 //!
+//! Recorded maps do not say which lanes form a carriageway. One road per lane keeps every line and link, at the price of lane
+//! changes.
+//!
 //! A map without links has those that the ends of its lanes give, with a note.
 //!
 //! Not written: neighbours as lane changes, crosswalks, speed bumps and road edges. [`RoadNetwork::notes`]

@@ -100,7 +100,8 @@ impl Export {
 
 /// Origin of a scene's files: the first valid position of the ego, rounded down to whole metres.
 ///
-/// Players that compute in 32-bit floats lose millimetres at coordinates of ten kilometres.
+/// Players that compute in 32-bit floats lose millimetres at coordinates of ten kilometres. OpenDRIVE's own offset is not used,
+/// because players differ in whether they add it.
 pub fn origin_of(scene: &Scene) -> [f64; 3] {
     let ego = scene.ego();
     let first = ego.valid.iter().position(|valid| *valid);

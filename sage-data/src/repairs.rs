@@ -34,8 +34,8 @@ use crate::{Error, ReadOptions, Recording, metadrive::MAX_FRAMES};
 
 use clock::Clock;
 
-/// A kind of notes that change what is computed from a scene. A note of such a kind begins with its name and a
-/// colon.
+/// A kind of notes that change what is computed from a scene. A note of such a kind begins with its name and a colon, and
+/// `inspect` counts it as a warning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Repair {
     /// Times at another rate than 10 Hz, or in another unit.

@@ -1,7 +1,8 @@
 //! The Waymo Open Motion Dataset as Waymo publishes it: TFRecord files of `Scenario` protos.
 //!
-//! A record becomes the MetaDrive values that ScenarioNet's converter makes of it, widths of lanes included, and goes
-//! through the decoder that pickles go through. A scene is then the same, whichever file it came from.
+//! A record becomes the MetaDrive values that ScenarioNet's converter makes of it, widths of lanes included, and goes through
+//! the decoder that pickles go through. A scene is then the same, whichever file it came from, and a record can be written as a
+//! pickle.
 //!
 //! [`ShardReader`] reads a file record by record. `docs/formats.md` lists what is read.
 

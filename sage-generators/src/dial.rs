@@ -1,4 +1,7 @@
 //! Fitted aggression dials: `dial.json` in the folder of the experts' weights.
+//!
+//! A dial belongs to terms: the file stores the objective that each was fitted for. A selection finds its dial by terms and
+//! weights, not by a file name.
 
 use std::collections::BTreeMap;
 

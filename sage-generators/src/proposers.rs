@@ -1,4 +1,7 @@
 //! Proposers of trajectories from the observation up to *now*.
+//!
+//! In tables, each generator encodes a scene itself, because inputs differ: `sage` uses fewer goals, `most-likely` all,
+//! `random` no forecast of the ego.
 
 mod all_goals;
 mod cat_goals;

@@ -1,4 +1,5 @@
 //! Work on many items in threads of their own, with results in order, while the caller's thread waits for them and for Ctrl-C.
+//! So it can call planners: no other thread ever does, and a planner that calls the package back cannot wait for itself.
 
 use std::{
     collections::BTreeMap,
@@ -50,7 +51,8 @@ impl Turn {
 }
 
 /// The only place that starts threads. Nothing keeps a pool longer than its work, so a process that forks between two calls has
-/// none; environments do, and know which process theirs belongs to.
+/// no thread that its child would wait for. The threads of a vector environment do stay, but a forked child starts its own.
+/// candle's own pool is kept away by two variables, which `advsage/_threads.py` sets before the first use.
 pub(crate) fn pool(threads: usize) -> PyResult<ThreadPool> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).thread_name(|k| format!("advsage-{k}")).build();
     pool.map_err(|error| OptionError::new_err(format!("cannot start {threads} threads: {error}")))

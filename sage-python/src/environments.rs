@@ -1,4 +1,7 @@
 //! Environments of reinforcement learning that step together, behind `advsage.gym`.
+//!
+//! Gymnasium stays outside the binary module: here are rows and arrays, in Python the classes that Gymnasium and
+//! Stable-Baselines3 want, the configuration with the keys of MetaDrive, and the pictures (Pillow).
 
 mod adversaries;
 mod picture;

@@ -1,4 +1,6 @@
 //! What a planner of Python sees: numbers that become arrays when they are read.
+//!
+//! A step holds a copy of the world (a microsecond), so the 101 numbers are computed only for planners that ask.
 
 use std::sync::Arc;
 

@@ -1,5 +1,7 @@
 //! Several drives of one planner in step: each drives in a thread of its own, and the planner, on the caller's thread, is asked
 //! about all of them at once.
+//!
+//! So the simulation need not be turned inside out for a batch, and a scene that fails ends alone.
 
 use std::{
     collections::HashMap,

@@ -117,7 +117,8 @@ impl<'p> AttackTest<'p> {
         Ok(Context::new(&self.recorded(), self.scene.index(), &ContextOptions::default())?)
     }
 
-    /// The drive up to *now*, which is the same for all attacks; `None` for a driver that cannot be copied there.
+    /// The drive up to *now*, which is the same for all attacks: it is driven once and copied, which gives the same bits
+    /// (tested). `None` for a driver that cannot be copied there, such as a program; each of its drives begins at frame 0.
     pub(crate) fn until_now(&self) -> Option<Progress> {
         let adversary = self.scene.scene().adversary().ok()?;
         let log = Trajectory::new("log", vec![adversary.point(NOW); HORIZON]).ok()?;

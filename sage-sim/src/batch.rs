@@ -2,6 +2,11 @@
 //!
 //! Environment *k* of a batch of seed *s* does what a batch of one environment of seed *s + k* does, bit for bit, at any number of
 //! threads, unless the environments share what the adversary knows ([`BatchOptions::share_experience`]).
+//!
+//! So a single environment is a batch of one (tested). Scenes come from a source that may read files, since a data set does not
+//! fit into memory. What an adversary learns of the driver (drives, success) is either of one environment or of all. If it is
+//! of all, it changes between the steps of all and the beginnings of episodes, in the order of the environments, so results do
+//! not depend on threads.
 
 mod experience;
 mod recent;

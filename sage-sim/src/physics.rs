@@ -1,8 +1,11 @@
 //! Contacts between the driven car and the bodies near it, by rapier2d.
 //!
-//! The physics of a step holds only what can touch the car within the step, and is built anew each step. Its
-//! whole state is therefore in the motions that go in and come out: a saved state continues with the same
-//! bits. Traffic is kinematic, so nothing pushes it, or dynamic, as in MetaDrive.
+//! The physics of a step holds only what can touch the car within the step, and is built anew each step, so most steps need no
+//! solver. Its whole state is in the motions that go in and come out: a saved state continues with the same bits. Traffic is
+//! kinematic, so nothing pushes it, or dynamic, as in MetaDrive.
+//!
+//! Only responses are rapier's: it reports contacts 2 cm early and a substep late. Facts are exact tests, by the geometry of
+//! `sage-core`, of the boxes at the pose that the car would reach without the response.
 
 use rapier2d_f64::{
     math::Vector,
@@ -19,8 +22,8 @@ use crate::{
 
 /// Friction between bodies that touch.
 const FRICTION: f64 = 0.5;
-/// Passes of the solver that remove the velocity with which it separates overlapping bodies. With rapier's
-/// default of 1, friction keeps part of that velocity and a substep can gain 2 % of kinetic energy.
+/// Passes of the solver that remove the velocity with which it separates overlapping bodies. With rapier's default of 1,
+/// friction keeps part of that velocity and a substep can gain 2 % of kinetic energy; with eight none does (tested).
 const STABILIZATIONS: usize = 8;
 
 /// A body other than the car, as the physics needs it.

@@ -12,6 +12,10 @@
 //! Observation and action sizes of the networks are free. Their updates are written by hand: buffers are allocated once,
 //! products come from `faer`, gradients are formulas, and Adam changes weights, moments and targets in one pass. It is
 //! generic over `f32` (training) and `f64` (tests against candle's automatic differentiation).
+//!
+//! A learner learns from driven steps: TD3 and PPO are behind one trait, and the loop of episodes knows neither buffers nor
+//! batches. A checkpoint holds how each episode in progress began and its actions, and drives them again: a world needs no file
+//! format.
 
 mod adam;
 mod attacker;

@@ -144,8 +144,9 @@ impl Route {
         Self::new(&positions)
     }
 
-    /// The route continued along the lanes at its end, by at most `length` metres. Of several lanes that
-    /// follow, the one that turns least is taken. Without a lane at its end, the route is not continued.
+    /// The route continued along the lanes at its end, by at most `length` metres: policies follow it, because one that is
+    /// faster than the recording would run out of path. Rewards and completion use the recorded route alone. Of several lanes
+    /// that follow, the one that turns least is taken. Without a lane at its end, the route is not continued.
     pub fn continued(&self, index: &SceneIndex, length: f64) -> Self {
         let end = at(&self.legs[self.legs.len() - 1], self.legs[self.legs.len() - 1].length, 0.0);
         let mut route = self.clone();

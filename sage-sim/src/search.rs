@@ -4,6 +4,9 @@
 //! be an attack at all. The search drives against one plan of a [`Pool`] after the other. What it has seen decides which is
 //! next (`search/surrogate.rs`), and four [`Clause`]s, each on the attacked drive, say whether a plan is a failure of the driver.
 //!
+//! It knows plans and drives, not generators. Where plans come from is a matter of `advsage`, so other programs can search
+//! their own plans.
+//!
 //! Everything is deterministic: the same driver, pool and options give the same drives in the same order.
 
 pub mod circumstances;

@@ -1,4 +1,6 @@
 //! Pictures of scenes as SVG. All commands use this module.
+//!
+//! They have no text on the road: candidates end in marks, and the legend names them.
 
 mod candidate;
 mod legend;

@@ -1,4 +1,7 @@
 //! A claim as an experiment.
+//!
+//! Every check must be able to fail. Injected faults are wrong formulas behind a switch. Inequalities have instances that
+//! attain the bound, because a bound that is too large violates nothing.
 
 use rayon::prelude::*;
 
@@ -20,7 +23,7 @@ pub trait Check: Send + Sync {
     /// Wrong versions of the formula that the check must notice.
     fn injected(&self) -> &'static [&'static str];
 
-    /// The verdict that this project stands for.
+    /// The verdict that this project stands for. It only says which one is an error to miss.
     fn expected(&self) -> Verdict {
         Verdict::Holds
     }

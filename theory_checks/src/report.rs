@@ -38,7 +38,8 @@ pub struct Report {
     pub figures: Vec<Figure>,
 }
 
-/// Verdict on a claim.
+/// Verdict on a claim. It is counted, not declared: [`Verdict::of`] derives it from comparisons, counterexamples and failures
+/// outside a condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {

@@ -42,7 +42,8 @@ impl Setup {
 
     /// Runs numbered instances on all threads and merges what they count, in their order.
     ///
-    /// Each instance has random numbers of its own, which depend on the seed, the purpose and its number alone.
+    /// Each instance has random numbers of its own, which depend on the seed, the purpose and its number alone, so threads do
+    /// not change the bits.
     pub fn each(
         &self,
         purpose: &str,

@@ -1,4 +1,6 @@
 //! `sage demo`: generates procedural scenes and attacks them at five aggressions.
+//!
+//! It is two ordinary commands, so it shows what they do, and nothing else has to be kept true.
 
 use advsage::Registries;
 use anyhow::{Result, bail};

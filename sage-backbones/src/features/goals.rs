@@ -1,4 +1,7 @@
 //! Goals: possible positions of the target after 8 s, and their features.
+//!
+//! Distance along the road is a feature, with lane changes and lights on the route. With these features 340 scenes are enough
+//! to learn a prior.
 
 use sage_core::{
     geometry::Point,

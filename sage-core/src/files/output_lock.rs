@@ -30,8 +30,8 @@ const HOLDER_LIMIT: u64 = 2048;
 
 /// The right to write into a folder or to one file, held by one run at a time.
 ///
-/// It is a lock of the operating system on a separate file, which is removed on drop. The system releases
-/// the lock of a killed process, so a lock file that remains does not block later runs.
+/// It is a lock of the operating system on a separate file, which is removed on drop: one on the output would be lost when it
+/// is renamed over. The system releases the lock of a killed process, so a lock file that remains does not block later runs.
 ///
 /// Shards write the same bytes however often they are run, so a shard needs no lock to be right. On a file system without
 /// locks it therefore takes none: what a killed one left there would block its next try.

@@ -1,4 +1,7 @@
 //! Atomic writes: a file under its final name is complete, or it does not exist.
+//!
+//! Temporary files are locked too. A run that locks a folder removes temporary files of killed runs; a locked one belongs to a
+//! live run and stays.
 
 use std::{
     collections::BTreeSet,

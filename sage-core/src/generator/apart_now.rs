@@ -3,7 +3,8 @@
 use super::{Attack, DriverUnderTest, Generator, OperatingPoint};
 use crate::{Error, objective::Context};
 
-/// A generator that refuses scenes in which ego and adversary overlap *now*: a contact there is not its doing.
+/// A generator that refuses scenes in which ego and adversary overlap *now*: a contact there is not its doing. Every plan would
+/// hit at once, so no candidate has a contact there. It wraps the generators of `generate`, `simulate` and studies.
 pub struct ApartNow(pub Box<dyn Generator>);
 
 impl Generator for ApartNow {

@@ -1,4 +1,6 @@
 //! The observation of a scene: the eleven frames that end *now*.
+//!
+//! It is a [`Scene`], so code that reads a scene needs no other type for it and cannot read the future.
 
 use std::{ops::RangeInclusive, sync::Arc};
 

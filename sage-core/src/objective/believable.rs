@@ -5,6 +5,8 @@
 //! if it hits the ego solidly; and does not approach it for long against or across the lanes, nor by a U-turn that no lane
 //! offers. Without contact there is no attack to believe.
 //!
+//! It is a verdict, not an objective: its limits are fixed, so that figures of different objectives compare.
+//!
 //! `believable-1` is the definition before: without dynamics, turns, U-turns and the time across the lanes.
 
 use std::borrow::Cow;

@@ -115,7 +115,8 @@ impl Candidate {
         self.convention
     }
 
-    /// The steps that are evaluated, 1 to the horizon.
+    /// The steps that are evaluated, 1 to the horizon. Loops run over them, never to 80, so that a shorter recording has no
+    /// step too many.
     pub fn steps(&self) -> RangeInclusive<usize> {
         1..=self.horizon()
     }

@@ -1,4 +1,7 @@
 //! Conventions of the formulas: the paper's text or the published code.
+//!
+//! Both share one set of files. They differ in kinematics, mirrored boxes and a few constants; the switch is in
+//! [`super::Context`].
 
 /// An interpretation of the paper's formulas.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

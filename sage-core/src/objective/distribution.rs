@@ -1,10 +1,10 @@
 //! Distance of a candidate's motion from the adversary's logged future: 1-D Wasserstein distances of
 //! speeds, accelerations and yaw rates.
 //!
-//! In `paper` the profiles are the backward differences of [`paper::profile`] over pairs of valid
-//! neighbouring frames; each run of valid frames is separate. In `release` the valid frames are
-//! concatenated, and accelerations are norms of vectors. [`LoggedProfile::published`] is what the published evaluation
-//! compares with by mistake.
+//! In `paper` the profiles are the backward differences of [`paper::profile`] over pairs of valid neighbouring frames. Each run
+//! of valid frames is separate; at its first step acceleration and yaw rate are 0. In `release` the valid frames are
+//! concatenated, and accelerations are norms of vectors. [`LoggedProfile::published`] is what the published evaluation compares
+//! with by mistake.
 
 use serde::{Deserialize, Serialize};
 

@@ -2,7 +2,8 @@
 
 use super::{Candidate, Context, EgoPath, Encounter};
 
-/// A candidate against one path of the ego: the input of a reward.
+/// A candidate against one path of the ego: the input of a reward. It is one value, so a new field breaks no reward. All terms
+/// share its encounter, which costs as much as the paper's other measures together.
 pub struct Situation<'a> {
     /// The adversary's trajectory with its profile and boxes.
     pub candidate: &'a Candidate,

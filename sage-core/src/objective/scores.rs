@@ -1,4 +1,7 @@
 //! All measures of one candidate, as one row of results.
+//!
+//! [`Scores`] are not an objective: [`Scorer`] lists more measures than any selection weighs, and calls the functions that the
+//! rewards call.
 
 use std::collections::BTreeMap;
 

@@ -13,7 +13,8 @@ pub enum Sizes {
     Logged,
     /// The vehicle models of the simulator behind the published figures.
     MetaDrive {
-        /// Start of the cycle of classes, 0 to 5. The simulator draws it for each scene.
+        /// Start of the cycle of classes, 0 to 5. The simulator draws it for each scene by a chain of seeds that cannot be
+        /// reproduced, so it is an option (`--class-cycle`).
         cycle: usize,
     },
 }

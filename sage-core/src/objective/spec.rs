@@ -40,7 +40,8 @@ pub struct TermSpec {
     /// Options; omitted ones keep their defaults.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub options: Map<String, Value>,
-    /// Whether it is measured only for feasible candidates.
+    /// Whether it is measured only for feasible candidates, as lane distance and time against the traffic are in `natural`.
+    /// This saves the slowest term where nothing is feasible.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub only_feasible: bool,
 }

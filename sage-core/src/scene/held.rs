@@ -1,4 +1,7 @@
 //! Frames at which a road user is held in its place.
+//!
+//! A standing road user is there during a gap, but that is known only afterwards: [`Held`] keeps such frames out of
+//! observations and of written files.
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! Search structures of the map, each built on first use.
+//! Search structures of the map, each built on first use, because `paper` needs road boundaries only.
 
 use std::sync::{Arc, OnceLock};
 

@@ -1,4 +1,7 @@
 //! Levels: whether a road passes above another one, and which of them a road user is on.
+//!
+//! Levels come from the map. Heights of road users alone say nothing, because many files have none; a map on which something
+//! passes 3 m above something else does. Heights are followed only where two boxes meet in the plane.
 
 use std::{cell::OnceCell, collections::HashMap};
 

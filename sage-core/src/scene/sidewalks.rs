@@ -1,4 +1,7 @@
 //! Sidewalks: closed edges whose inside is not road, whatever the direction of their outline.
+//!
+//! The inside is off the road whatever its winding, because MetaDrive and ScenarioNet write either. Only closed sidewalks and
+//! guard rails are areas; other closed edges may enclose the road.
 
 use super::Map;
 use crate::geometry::{Aabb, OrientedBox, Point, cross, sub};

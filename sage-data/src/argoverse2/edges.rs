@@ -1,7 +1,8 @@
 //! Road edges from the drivable areas of a map.
 //!
-//! An edge is the outline of the union of all areas, wound such that the road lies on its left. Maps are crops: at the crop
-//! an outline closes across the lanes. So what lies within 0.1 m of a motor lane is no edge.
+//! An edge is the outline of the union of all areas, which overlap, wound such that the road lies on its left. Maps are crops:
+//! at the crop an outline closes across the lanes, where nothing is known. So what lies within 0.1 m of a motor lane is no
+//! edge.
 
 use i_overlay::{
     core::{fill_rule::FillRule, overlay_rule::OverlayRule},

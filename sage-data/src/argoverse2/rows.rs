@@ -1,4 +1,7 @@
 //! The rows of a scenario: a road user in a step, read column by column.
+//!
+//! A library reads Parquet, behind a guard: it panics at some damaged files and believes the sizes of pages. So sizes are
+//! checked before (`pages.rs`), and a panic is an error.
 
 use std::collections::HashMap;
 

@@ -1,4 +1,6 @@
 //! JSON objects with known keys, whose other keys are kept as text.
+//!
+//! They are written again as they were, and take no more memory than the file.
 
 use std::{borrow::Cow, fmt, marker::PhantomData};
 

@@ -41,8 +41,8 @@ pub enum Global {
 }
 
 impl Global {
-    /// Parses the name of a global. `__builtin__` and `copy_reg` are Python 2's modules; Python 3 accepts them
-    /// only in protocols 0 to 2.
+    /// Parses the name of a global. `__builtin__` and `copy_reg` are Python 2's modules; Python 3 accepts them only in
+    /// protocols 0 to 2, where it writes `__builtin__.long` and `__builtin__.bytes` itself.
     pub(super) fn from_name(module: &[u8], name: &[u8], protocol: u8) -> Option<Self> {
         if matches!(module, b"__builtin__" | b"copy_reg") && protocol > 2 {
             return None;

@@ -4,8 +4,9 @@
 //! Every opcode takes at least one byte and creates at most one value. Values, stack, marks and memo have
 //! their own limits. Lengths are checked against the rest of the file before memory is reserved.
 //!
-//! Stack, marks, memo and opcodes behave as in CPython's C unpickler (`Modules/_pickle.c`). An accepted
-//! pickle has the value that Python reads; where Python is more lenient, the file is refused.
+//! Stack, marks, memo and opcodes behave as in CPython's C unpickler (`Modules/_pickle.c`). An accepted pickle has the value
+//! that Python reads; where Python is more lenient, the file is refused. A reader that reads other values than Python can be
+//! bypassed. A differential test compares them.
 
 use std::collections::HashSet;
 

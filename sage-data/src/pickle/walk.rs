@@ -1,4 +1,6 @@
 //! Whether Python would run some bytes as a pickle of protocol 0 or 1.
+//!
+//! These protocols have no first byte of their own. A file that reaches the name of a function or class is a pickle.
 
 use super::opcode as op;
 

@@ -1,5 +1,8 @@
 //! Traffic on routes: the Intelligent Driver Model, lights, and priority among conflicting cars at
 //! junctions.
+//!
+//! Junctions are reserved: a car enters if its path conflicts with no holder and the light allows it. From the minor road, no
+//! car on the major one may be near. Logs stay free of contact.
 
 use std::collections::HashMap;
 

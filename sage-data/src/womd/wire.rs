@@ -1,6 +1,9 @@
 //! The wire format of Protocol Buffers: fields of a message, without a schema and without copies.
 //!
 //! Source: the encoding guide of Protocol Buffers. Groups, which no schema here uses, are skipped.
+//!
+//! The decoder is our own: it needs no schema compiler, and the memory of values is counted before they are made
+//! (`decode/budget.rs`).
 
 use super::message_error::{MAX_GROUPS, MessageError, MessageProblem, Place};
 

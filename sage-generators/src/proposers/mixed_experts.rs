@@ -1,6 +1,8 @@
 //! SAGE's candidates: the likeliest drivable modes of the mixed experts with a minimum spacing, each under
 //! several speed profiles. The same proposer with the prior alone shows the effect of the selection without
 //! experts.
+//!
+//! Only candidates are retimed: doubling all goals would double the cost of every score.
 
 use std::sync::Arc;
 

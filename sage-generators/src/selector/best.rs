@@ -1,4 +1,8 @@
 //! The best feasible proposal by an objective.
+//!
+//! Proposals are sorted by an upper bound, with slow terms at their best, and evaluated until none can be better. All are
+//! evaluated if the best is a hit that a person would not believe and the objective prefers believable ones. The result is
+//! always that of evaluating all (tested).
 
 use std::{
     borrow::{Borrow, Cow},

@@ -1,4 +1,6 @@
 //! What is known of environments after a step: a dictionary for one, columns for several. Keys are MetaDrive's where it has them.
+//!
+//! Columns are made here: as dictionaries of each environment in Python they would cost more than the simulation.
 
 use std::collections::HashMap;
 

@@ -9,7 +9,8 @@ pub enum Part {
     Whole,
     /// The scenes of a shard, and their manifest.
     Shard(Shard),
-    /// The summary alone, from the manifests of shards.
+    /// The summary alone: the command takes what became of the scenes from the manifests of shards and works on none. So it
+    /// leaves the bytes of one run.
     Join,
 }
 

@@ -1,5 +1,8 @@
 //! Long runs that record their identity in the output folder. The same command resumes an interrupted run and
 //! does not repeat a finished one.
+//!
+//! `run.json` stores options, hashes of data and weights, and the build of the program. A folder with the same record resumes
+//! or is done; any other needs `--force`.
 
 use std::{io::ErrorKind, path::Path};
 

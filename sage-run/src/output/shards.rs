@@ -1,4 +1,8 @@
 //! The shards of a run: they agree on their scenes, end with a manifest each, and are joined.
+//!
+//! They share nothing but the folder. A shard writes its scenes and its manifest, and a join what belongs to all. So a shard
+//! can be run twice, at any time and by any scheduler, and needs no locks. The cost of the end does not grow with the number of
+//! shards.
 
 use std::{collections::HashMap, io::ErrorKind};
 

@@ -24,11 +24,11 @@ pub struct Drive {
     pub(crate) controls: Vec<Control>,
 }
 
-/// When a car leaves the road: it touches an edge, or is on a sidewalk. What it touches at the start does not count
-/// until it has left it.
+/// When a car leaves the road: it touches an edge, or is on a sidewalk. What it touches at the start does not count until it
+/// has left it, because recorded boxes overlap kerbs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OffRoad {
-    /// The map has no edges.
+    /// The map has no edges: tables leave it out.
     #[default]
     NotMeasured,
     /// At no step.

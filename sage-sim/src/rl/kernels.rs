@@ -3,6 +3,9 @@
 //! Products of matrices come from `faer`, on one thread: its kernels choose the widest vectors of the processor at run
 //! time, and the bits do not depend on the number of threads. All other loops are compiled for several vector widths
 //! and chosen at run time too; their order of operations, and with it every bit, is the same in all of them.
+//!
+//! faer takes a seventh of the build. An update with nalgebra's products takes 1.15 times as long, with our own tiles for AVX2
+//! 1.07 times (one thread, a processor with AVX-512).
 
 use std::{
     fmt::Debug,

@@ -1,4 +1,8 @@
 //! An episode of a training in progress, and what a checkpoint keeps of it: how it began, and the actions since.
+//!
+//! A teacher is asked in the learner's own states. It drives nothing, so imitation meets the states that the learner gets into
+//! (Ross et al. 2011, arXiv 1011.0686), and costs one decision of the teacher a step. It gives actions only; whether they were
+//! good, PPO finds out.
 
 use std::sync::Arc;
 

@@ -1,10 +1,11 @@
 //! Which plan is next: each plan is tried, on paper, in the drives that were seen.
 //!
-//! Up to the step at which two plans part, the driver sees the same and does the same. So a drive against one plan says what
-//! happens against another, as long as the two are alike up to the contact that is expected. A plan's boxes are held against
-//! the path that the driver took in each drive; the values of these trials are averaged with weights `exp(−d² / 2h²)`, where d is the mean distance of the
-//! two plans up to that contact. The unattacked drive counts with a small weight, which no plan is near to: it speaks where
-//! nothing else does. What is unlike all that was driven is worth a little more.
+//! Up to the step at which two plans part, the driver sees the same and does the same: nothing has to be learnt about it. So a
+//! drive against one plan says what happens against another, as long as the two are alike up to the contact that is expected. A
+//! plan's boxes are held against the path that the driver took in each drive; the values of these trials are averaged with
+//! weights `exp(−d² / 2h²)`, where d is the mean distance of the two plans up to that contact. The unattacked drive counts with
+//! a small weight, which no plan is near to: it speaks where nothing else does. What is unlike all that was driven is worth a
+//! little more.
 //!
 //! The constants were chosen on recorded scenes that are neither of the training nor of the validation split, for four drivers at once.
 

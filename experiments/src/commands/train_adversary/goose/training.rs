@@ -1,8 +1,9 @@
 //! The training of GOOSE: TD3 with goals in hindsight, on one trial at a time in random scenes.
 //!
-//! A decision changes the curve of a scene, lets the driver drive against it, and stores what happened. Scenes keep their
-//! curve until the goal is reached or their trials are used up. All random numbers depend on (seed, number of the decision,
-//! purpose) alone, so a run resumes from its weights and its actions: the drives are driven again.
+//! A decision changes the curve of a scene, lets the driver drive against it, and stores what happened. Scenes keep their curve
+//! until the goal is reached or their trials are used up. All random numbers depend on (seed, number of the decision, purpose)
+//! alone, so a run resumes from its weights and its actions: the drives are driven again, in seconds, in place of a stored
+//! replay buffer.
 
 use std::sync::Arc;
 

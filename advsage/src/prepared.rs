@@ -1,4 +1,4 @@
-//! A scene made ready to be attacked: the one place where it is refused, driven without an attack, and turned into what generators see.
+//! A scene made ready to be attacked: where commands refuse it, let a driver drive without an attack, and turn it into what generators see.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The protocol of work on one scene: read it, find what an earlier run finished, decode it, leave it out or work on it.
+//! The protocol of work on one scene: read it, find what an earlier run finished, decode it, work on it; leave it out if it cannot be measured.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub struct FoundRow {
     pub files: Vec<String>,
 }
 
-/// What a run does with each of its scenes. The rows of a scene are written last: a scene whose rows and files exist is finished.
+/// What a run does with each of its scenes. A row is written after the files that it names: a scene whose rows and files exist is finished.
 pub trait SceneJob: Sync {
     /// How scenes are read.
     fn reading(&self) -> ReadOptions;

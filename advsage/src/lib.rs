@@ -15,13 +15,14 @@
 //! // Names become parts: a scene, a generator, a driver.
 //! let registries = Registries::shipped()?;
 //! let scene = Arc::new(Recording::read(file)?.scene);
-//! let sage = GeneratorSpec::default().build(&registries)?;
+//! let sage = GeneratorSpec::named("sage")?.at(1.0, None).build(&registries)?;
 //! let idm = Ego::named("idm", &registries)?;
 //!
 //! // An attack on the recorded ego.
 //! let recorded = Prepared::recorded(&scene)?;
 //! let attack = sage.attacks(&recorded.ctx, Against::Recording)?.remove(0);
-//! assert_eq!(attack.trajectory().points().len(), 80);
+//! let scores = recorded.scores(&attack);
+//! println!("contact after {:?} steps, believable: {:?}", scores.collision_step, scores.believable);
 //!
 //! // An attack on a driver, who drives the scene first without it and then against it.
 //! let driven = DriverInScene::of(&scene, &idm, 0)?;
@@ -30,7 +31,7 @@
 //! println!("attack: {}, contacts: {}", outcome.verdict.attack, outcome.episode.contacts.len());
 //!
 //! // Many plans, to find one that the driver fails at.
-//! let search = SearchSpec::default().build(&registries, |_| {})?;
+//! let search = SearchSpec::default().build(&registries)?;
 //! let options = SearchOptions { budget: 8, ..SearchOptions::default() };
 //! let (_, found) = search.search(&driven, &options, 0)?;
 //! println!("{} failures in {} drives", found.failures.len(), found.driven.len());
@@ -38,7 +39,7 @@
 //! # }
 //! ```
 //!
-//! - [`Registries`] hold all parts; a part of your own is added with `with`. [`part`] reads names with options, [`weights`] finds experts,
+//! - [`Registries`] hold all parts, whose names `sage list` prints; a part of your own is added with `with`. [`part`] reads names with options, [`weights`] finds experts,
 //!   [`operating_point`] says how aggressive, [`selection`] what is preferred.
 //! - [`prepared`] makes a scene ready to be attacked. [`named_generator`] builds a generator from names, [`generators`] from parts;
 //!   [`latest_start`] chooses by the time that is left to evade.
@@ -83,11 +84,17 @@ pub use registries::Registries;
 pub use sage_core::{
     self,
     generator::Attack,
-    objective::{Context, Scorer},
+    motion::{DT, Trajectory},
+    objective::{Context, Scorer, Scores},
     scene::Scene,
 };
 pub use sage_data::{self, ReadOptions, Recording};
-pub use sage_sim::{self, attack_test::AttackOutcome, search::SearchOptions};
+pub use sage_sim::{
+    self,
+    attack_test::AttackOutcome,
+    avoidable::AvoidanceOptions,
+    search::{Clause, Requirement, SearchOptions},
+};
 pub use sage_view::{
     self,
     drawing::{Picture, draw, drawn_path},

@@ -87,6 +87,19 @@ impl Default for GeneratorSpec {
 }
 
 impl GeneratorSpec {
+    /// A generator by its name in `sage list` (also [`Registries::generators`]), such as `king` or `sage{"candidates": 64}`.
+    ///
+    /// *Errors*: a text that is no name.
+    pub fn named(name: &str) -> Result<Self> {
+        Ok(Self { method: name.parse().map_err(Error::Value)?, ..Self::default() })
+    }
+
+    /// The same at a λ, 0 realistic and 1 adversarial, and at a weight μ of the selection; λ if `None`.
+    #[must_use]
+    pub fn at(self, lambda: f64, mu: Option<f64>) -> Self {
+        Self { points: OperatingPoints { mu, ..OperatingPoints::of_lambda([lambda]) }, ..self }
+    }
+
     /// Checks everything, loads weights and builds the generator.
     ///
     /// *Errors*: as [`GeneratorSpec::checked`] and [`CheckedGenerator::build`].

@@ -64,10 +64,21 @@ impl Default for SearchSpec {
 }
 
 impl SearchSpec {
-    /// Checks everything, loads weights and builds the generators. `loaded` is told of the weights before they are used.
+    /// Checks everything, loads weights and builds the generators.
     ///
     /// *Errors*: an option is out of range or names an unknown part; weights cannot be used.
-    pub fn build(self, registries: &Registries, loaded: impl FnOnce(&NamedExperts)) -> Result<NamedSearch> {
+    pub fn build(self, registries: &Registries) -> Result<NamedSearch> {
+        self.build_with(registries, |_| {})
+    }
+
+    /// The same; `loaded` is told of the weights before they are used.
+    ///
+    /// *Errors*: as [`SearchSpec::build`].
+    pub fn build_with(
+        self,
+        registries: &Registries,
+        loaded: impl FnOnce(&NamedExperts),
+    ) -> Result<NamedSearch> {
         let rule = search::rule(registries, self.feasibility.as_ref())?;
         let of_rule = Generators::new(registries, &self.merger, &rule, self.seed)?;
         let method = self.method.map(|method| Ok::<_, crate::Error>((of_rule.facts(&method)?, method)));

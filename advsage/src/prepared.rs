@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sage_core::{
     Error as CoreError,
     generator::Attack,
-    objective::{Context, ContextOptions, Scorer},
+    objective::{Context, ContextOptions, Scorer, Scores},
     scene::{Scene, SceneIndex},
 };
 use sage_sim::{
@@ -69,6 +69,11 @@ impl<'d> Prepared<'d> {
     /// *Errors*: as [`recording`].
     pub fn recorded(scene: &Arc<Scene>) -> Result<Self> {
         Ok(Self { test: None, ctx: recording(scene, &SceneIndex::new(scene.map.clone()))? })
+    }
+
+    /// All measures of an attack's plan against the ego's path without it: when it touches the ego, whether it is feasible and believable.
+    pub fn scores(&self, attack: &Attack) -> Scores {
+        Scorer::new(&self.ctx).scores(&self.ctx.candidate(attack.trajectory().clone()))
     }
 
     /// Whom an attack on it is against.

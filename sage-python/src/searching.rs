@@ -198,7 +198,7 @@ pub(crate) fn search_each(
     let options = SearchOptions { budget, require, first, order, ..SearchOptions::default() };
     let is_python = driver.planner.is_some();
     let searcher = Arc::new(detached(py, || {
-        let named = spec.build(registries()?, |_| {})?;
+        let named = spec.build(registries()?)?;
         Ok(Searcher { named, driver, options, seed })
     })?);
     let ahead = if is_python {

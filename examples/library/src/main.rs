@@ -25,7 +25,7 @@ fn main() -> advsage::Result<()> {
     println!("attack on idm: {}; contacts: {}", outcome.verdict.attack, outcome.episode.contacts.len());
 
     // A search for plans that it fails at.
-    let search = SearchSpec::default().build(&registries, |_| {})?;
+    let search = SearchSpec::default().build(&registries)?;
     let (_, found) = search.search(&driven, &SearchOptions::default(), 0)?;
     println!("failures of idm: {} in {} drives", found.failures.len(), found.driven.len());
 

@@ -136,7 +136,7 @@ impl Described {
                     plans: sage_sim::search::MOST_PLANS,
                     seed: 0,
                 };
-                let search: NamedSearch = spec.build(registries()?, |_| {})?;
+                let search: NamedSearch = spec.build(registries()?)?;
                 Arc::new(SearchedAttacker::new(search, ego.policy, ego.references, options, 0))
             }
             Attacks::Plans(plans) => Arc::new(plans),

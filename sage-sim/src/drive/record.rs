@@ -69,7 +69,7 @@ impl Drive {
 /// A contact of the car with one road user: the first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DriveContact {
-    /// Step, 1 the first.
+    /// Step of the drive, 1 the first after frame 0: the frame of the contact. *Now* is frame 10.
     pub step: usize,
     /// Substep, 1 to 5.
     pub substep: usize,

@@ -55,7 +55,7 @@ impl<'a> Searcher<'a> {
             plans: args.plans,
             seed: args.attack.seed,
         };
-        let named = spec.build(registries, networks::announce_experts)?;
+        let named = spec.build_with(registries, networks::announce_experts)?;
         named.notes.iter().for_each(|note| progress::say(&format!("warning: {note}")));
         let plans_against_ego = named.method.as_ref().is_some_and(|(_, facts)| facts.plans_against_ego);
         if !plans_against_ego && args.attack.selection != "natural" {

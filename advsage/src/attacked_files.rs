@@ -1,9 +1,11 @@
 //! The files of an attacked scene: pickle, native file, JSON of GPUDrive, OpenSCENARIO.
 
+use std::str::FromStr;
+
 use sage_core::{motion::Trajectory, scene::Scene};
 use sage_data::{
-    Recording, VariantWriter, dataset,
-    openscenario::{Export, License, Options, Provenance},
+    Format, Recording, VariantWriter, dataset,
+    openscenario::{EgoMode, Export, License, Options, Provenance, Standard},
 };
 use sage_generators::attacked;
 use serde_json::{Map, Value, json};
@@ -17,17 +19,81 @@ use crate::{
 /// Length limit of a file name on common file systems, bytes.
 pub const LONGEST_FILE_NAME: usize = 255;
 
-/// Which files are written.
-#[derive(Clone, Debug)]
-pub struct Formats {
-    /// Pickles.
-    pub pickle: bool,
+/// Which scene files are written of an attack.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AttackFormats {
+    name: &'static str,
+    formats: &'static [Format],
+}
+
+impl AttackFormats {
     /// Native files.
-    pub native: bool,
-    /// JSON of GPUDrive.
-    pub gpudrive: bool,
-    /// Choices for OpenSCENARIO files, without the licence; `None` if none are written.
-    pub scenario: Option<Options>,
+    pub const NATIVE: Self = Self { name: "native", formats: &[Format::Native] };
+    /// No scene files: the rows alone hold the plans.
+    pub const NONE: Self = Self { name: "rows", formats: &[] };
+    /// All choices.
+    pub const ALL: [Self; 6] = [
+        Self::NATIVE,
+        Self { name: "pickle", formats: &[Format::Pickle] },
+        Self { name: "both", formats: &[Format::Pickle, Format::Native] },
+        Self { name: "gpudrive", formats: &[Format::GpuDrive] },
+        Self { name: "openscenario", formats: &[Format::OpenScenario] },
+        Self::NONE,
+    ];
+
+    /// Name of the choice.
+    pub fn name(self) -> &'static str {
+        self.name
+    }
+
+    /// What is written.
+    pub fn about(self) -> &'static str {
+        match self.formats {
+            [] => "No scene files: the rows alone hold the plans",
+            [format] => format.about(),
+            _ => "Pickles and native files",
+        }
+    }
+
+    /// Whether a format is among them.
+    pub fn has(self, format: Format) -> bool {
+        self.formats.contains(&format)
+    }
+
+    /// Refuses options of OpenSCENARIO where it is not written.
+    ///
+    /// *Errors*: one of them is given.
+    pub fn check_scenario(self, standard: Option<Standard>, ego: Option<EgoMode>) -> Result<()> {
+        if !self.has(Format::OpenScenario) && (standard.is_some() || ego.is_some()) {
+            let problem = "--standard and --scenario-ego need --format openscenario";
+            return Err(Error::Value(problem.to_owned()));
+        }
+        Ok(())
+    }
+}
+
+impl FromStr for AttackFormats {
+    type Err = String;
+
+    fn from_str(name: &str) -> std::result::Result<Self, String> {
+        // Searches called it so.
+        let name = if name == "none" { Self::NONE.name } else { name };
+        let known = || Self::ALL.map(Self::name).join(", ");
+        let found = Self::ALL.into_iter().find(|choice| choice.name == name);
+        found.ok_or_else(|| format!("unknown format `{name}`; known: {}", known()))
+    }
+}
+
+/// The names of attacks, `SCENE-VARIANT`, that a file may be of by its name.
+pub fn names_of_file(file: &str) -> Vec<&str> {
+    let stem = |format: Format| file.strip_suffix(format.ending_beside_rows())?.strip_suffix('.');
+    let mut names: Vec<&str> =
+        Format::written().filter(|format| *format != Format::Pickle).filter_map(stem).collect();
+    // `sd_<dataset>_<version>_<name>.pkl`
+    if let Some(stem) = stem(Format::Pickle).filter(|stem| stem.starts_with("sd_")) {
+        names.extend(stem.match_indices('_').map(|(k, _)| &stem[k + 1..]));
+    }
+    names
 }
 
 /// What an attacked scene is made from, beside the scene and the plan.
@@ -86,7 +152,8 @@ impl Facts<'_> {
 /// Writes attacks into one recorded scene.
 pub struct AttackedFiles<'s> {
     scene: &'s str,
-    formats: Formats,
+    formats: AttackFormats,
+    scenario: Options,
     writer: VariantWriter,
     origin: Option<(Option<License>, Provenance)>,
 }
@@ -101,13 +168,18 @@ impl<'s> AttackedFiles<'s> {
     /// A writer for a recording, whose files have names that begin with `scene`.
     ///
     /// *Errors*: the recording cannot be written, or has no licence or origin that OpenSCENARIO could state.
-    pub fn new(recording: &Recording, scene: &'s str, formats: Formats) -> Result<Self> {
+    pub fn new(
+        recording: &Recording,
+        scene: &'s str,
+        formats: AttackFormats,
+        scenario: Options,
+    ) -> Result<Self> {
         let writer = VariantWriter::new(recording)?;
-        let origin = match formats.scenario {
-            Some(_) => Some((scenario_files::license(recording)?, scenario_files::provenance(recording)?)),
-            None => None,
+        let origin = match formats.has(Format::OpenScenario) {
+            true => Some((scenario_files::license(recording)?, scenario_files::provenance(recording)?)),
+            false => None,
         };
-        Ok(Self { scene, formats, writer, origin })
+        Ok(Self { scene, formats, scenario, writer, origin })
     }
 
     /// Refuses a scene whose outputs would have names that no file can have.
@@ -129,9 +201,9 @@ impl<'s> AttackedFiles<'s> {
 
     /// The OpenSCENARIO files of a scene; `None` if none are written.
     pub fn scenarios(&self, scene: &Scene) -> Option<Scenarios<'_>> {
-        let (options, (license, origin)) = self.formats.scenario.clone().zip(self.origin.as_ref())?;
+        let (license, origin) = self.origin.as_ref()?;
         Some(Scenarios {
-            export: Export::new(scene, Options { license: license.clone(), ..options }),
+            export: Export::new(scene, Options { license: license.clone(), ..self.scenario.clone() }),
             origin,
         })
     }
@@ -141,8 +213,7 @@ impl<'s> AttackedFiles<'s> {
     /// *Errors*: an attack that the scene cannot hold.
     pub fn files(&self, scene: &Scene, attack: &Attack) -> Result<Vec<(String, Vec<u8>)>> {
         let mut all = Vec::with_capacity(2);
-        let Formats { pickle, native, gpudrive, .. } = self.formats;
-        if !pickle && !native && !gpudrive {
+        if self.formats.formats.iter().all(|format| *format == Format::OpenScenario) {
             return Ok(all);
         }
         let mut provenance = attack.generated.to_map();
@@ -160,16 +231,13 @@ impl<'s> AttackedFiles<'s> {
         let provenance = Value::Object(provenance).to_string();
         let files = self.writer.variant(&attacked, &provenance)?;
         let name = format!("{}-{}", self.scene, attack.variant);
-        if pickle {
-            let (dataset, version) = (self.writer.dataset(), self.writer.version());
-            all.push((dataset::file_name(dataset, version, &name), files.to_pickle()));
-        }
-        if native {
-            all.push((format!("{name}.safetensors"), files.to_native()?));
-        }
-        if gpudrive {
-            // Rows end in .json alone.
-            all.push((format!("{name}.gpudrive.json"), files.to_gpudrive()?.json));
+        for format in self.formats.formats {
+            let Some(bytes) = files.encode(*format)? else { continue };
+            let file = match format {
+                Format::Pickle => dataset::file_name(self.writer.dataset(), self.writer.version(), &name),
+                other => format!("{name}.{}", other.ending_beside_rows()),
+            };
+            all.push((file, bytes));
         }
         Ok(all)
     }
@@ -189,7 +257,10 @@ impl<'s> AttackedFiles<'s> {
         let network = scenarios.export.network();
         Ok([
             (network.file_name(), network.xml.clone().into_bytes()),
-            (format!("{}-{}.xosc", self.scene, attack.variant), scenario.into_bytes()),
+            (
+                format!("{}-{}.{}", self.scene, attack.variant, Format::OpenScenario.ending()),
+                scenario.into_bytes(),
+            ),
         ])
     }
 }

@@ -5,6 +5,7 @@ mod attacking;
 mod avoiding;
 mod converting;
 mod driving;
+mod formats;
 mod help;
 mod learning;
 mod mixing;
@@ -25,20 +26,23 @@ use clap::{
     builder::{PossibleValuesParser, TypedValueParser},
 };
 use sage_core::objective::Convention;
-use sage_data::procedural::Kind;
+use sage_data::{Format, procedural::Kind};
 
-use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
+use self::{
+    formats::scene_formats,
+    help::{OUTPUT, PICTURE, RUN, SCENE, SCORE},
+};
 
 pub(crate) use adversaries::{TrainAdversaryCommand, TrainGooseArgs, TrainSealArgs, TrainingScenesArgs};
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, ExplainArgs, GenerateArgs, Values};
 pub(crate) use avoiding::AvoidableArgs;
-pub(crate) use converting::{ConvertArgs, ConvertFormat};
+pub(crate) use converting::ConvertArgs;
 pub(crate) use driving::SimulateArgs;
 pub(crate) use learning::{FinetuneArgs, MOST_ROLES, PredictArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use planner::PlannerArgs;
 pub(crate) use reading::{ReadingArgs, SplitArgs};
-pub(crate) use searching::{SearchArgs, SearchFormat};
+pub(crate) use searching::SearchArgs;
 pub(crate) use sharding::{JobsArgs, JoinArgs, Scheduler, StatusArgs};
 pub(crate) use studies::{ReportArgs, StudyArgs};
 pub(crate) use testing::{FailureReportArgs, Keep, SuiteArgs, TestArgs};
@@ -270,7 +274,7 @@ pub(crate) struct ScenesArgs {
     #[arg(long, help_heading = OUTPUT, value_name = "DIR")]
     pub out: PathBuf,
     /// Output format.
-    #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = Format::Native)]
+    #[arg(long, help_heading = OUTPUT, default_value = "native", value_parser = scene_formats(&[Format::Native, Format::Pickle]))]
     pub format: Format,
     /// Write into a folder that is not empty.
     #[arg(long, help_heading = OUTPUT)]
@@ -281,15 +285,6 @@ pub(crate) struct ScenesArgs {
 fn kinds() -> impl TypedValueParser<Value = Kind> {
     PossibleValuesParser::new(Kind::ALL.map(Kind::name))
         .try_map(|name| Kind::from_name(&name).ok_or("no such kind"))
-}
-
-/// Formats of scene files.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum Format {
-    /// safetensors file: fastest to load, readable by other tools.
-    Native,
-    /// Pickle for MetaDrive and ScenarioNet.
-    Pickle,
 }
 
 /// Names of [`Convention`].

@@ -6,22 +6,88 @@ use crate::{
     womd,
 };
 
-/// Formats of scene files.
+/// Formats of scene files: the one list of them, from which commands take what they offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// A Python pickle of protocol 0 to 5.
-    Pickle,
     /// A native file: safetensors.
     Native,
-    /// A Parquet file, as Argoverse 2 has them.
-    Parquet,
-    /// JSON of GPUDrive.
-    GpuDrive,
+    /// A Python pickle of protocol 0 to 5.
+    Pickle,
     /// Records of `Scenario` protos, as the Waymo Open Motion Dataset has them.
     TfRecord,
+    /// JSON of GPUDrive.
+    GpuDrive,
+    /// OpenSCENARIO XML and its OpenDRIVE map; written and not read.
+    OpenScenario,
+    /// A Parquet file, as Argoverse 2 has them; read and not written.
+    Parquet,
 }
 
 impl Format {
+    /// All formats.
+    pub const ALL: [Self; 6] =
+        [Self::Native, Self::Pickle, Self::TfRecord, Self::GpuDrive, Self::OpenScenario, Self::Parquet];
+
+    /// Name of the format for users, the ending of its files, and what it is for.
+    fn described(self) -> (&'static str, &'static str, &'static str) {
+        match self {
+            Self::Native => {
+                ("native", "safetensors", "safetensors file: fastest to load, readable by other tools")
+            }
+            Self::Pickle => ("pickle", "pkl", "Pickle for MetaDrive and ScenarioNet"),
+            Self::TfRecord => {
+                ("womd", "tfrecord", "TFRecord files of Scenario protos, as in the Waymo Open Motion Dataset")
+            }
+            Self::GpuDrive => {
+                ("gpudrive", "json", "JSON of GPUDrive, which PufferDrive and ScenarioMax read too")
+            }
+            Self::OpenScenario => {
+                ("openscenario", "xosc", "OpenSCENARIO XML with an OpenDRIVE map, for simulators")
+            }
+            Self::Parquet => ("argoverse2", "parquet", "Scenario of Argoverse 2"),
+        }
+    }
+
+    /// Name of the format for users.
+    pub fn name(self) -> &'static str {
+        self.described().0
+    }
+
+    /// Ending of its files, without the dot.
+    pub fn ending(self) -> &'static str {
+        self.described().1
+    }
+
+    /// What it is for.
+    pub fn about(self) -> &'static str {
+        self.described().2
+    }
+
+    /// Ending of its files in a folder of rows, where rows alone end in `.json`.
+    pub fn ending_beside_rows(self) -> &'static str {
+        if self == Self::GpuDrive { "gpudrive.json" } else { self.ending() }
+    }
+
+    /// Whether scenes are read in it.
+    pub fn is_read(self) -> bool {
+        self != Self::OpenScenario
+    }
+
+    /// Whether scenes are written in it.
+    pub fn is_written(self) -> bool {
+        self != Self::Parquet
+    }
+
+    /// The formats that scenes are written in.
+    pub fn written() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|format| format.is_written())
+    }
+
+    /// The format by its name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|format| format.name() == name)
+    }
+
     /// The format of a file; `None` if it is none of them. No other code detects formats.
     ///
     /// A file that starts like a pickle is a pickle and nothing else, because Python would load it as one.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use sage_core::scene::Scene;
 
 use crate::{
-    Error, Recording,
+    Error, Format, Recording,
     gpudrive::{self, EncodedGpuDrive},
     metadrive::{self, PROVENANCE},
     native,
@@ -95,6 +95,18 @@ pub struct Variant<'v> {
 }
 
 impl Variant<'_> {
+    /// The file of the variant in a format; `None` if the format has no file for a variant alone.
+    ///
+    /// *Errors*: as [`Recording::to_native`]; the ego is no vehicle in JSON of GPUDrive.
+    pub fn encode(&self, format: Format) -> Result<Option<Vec<u8>>, Error> {
+        Ok(Some(match format {
+            Format::Pickle => self.to_pickle(),
+            Format::Native => self.to_native()?,
+            Format::GpuDrive => self.to_gpudrive()?.json,
+            Format::TfRecord | Format::OpenScenario | Format::Parquet => return Ok(None),
+        }))
+    }
+
     /// The variant as a MetaDrive pickle, with [`PROVENANCE`] in the metadata.
     pub fn to_pickle(&self) -> Vec<u8> {
         match &self.document {

@@ -12,7 +12,7 @@ use sage_core::{
     files::{Existing, write},
     scene::SceneData,
 };
-use sage_data::{Error, Recording, checks::Summary, womd};
+use sage_data::{Error, Format, Recording, checks::Summary, womd};
 use sage_sim::SimScene;
 
 use crate::{
@@ -72,35 +72,37 @@ pub(crate) fn convert(
     to: Option<&str>,
 ) -> PyResult<Vec<String>> {
     let item = Item::of(scene)?;
-    let of_ending = || match path.extension().and_then(|ending| ending.to_str()) {
-        Some("pkl") => Some("pickle"),
-        Some("safetensors") => Some("native"),
-        Some("xosc") => Some("openscenario"),
-        Some("tfrecord") => Some("womd"),
-        Some("json") => Some("gpudrive"),
-        _ => None,
+    let known = || Format::written().map(Format::name).collect::<Vec<_>>().join(", ");
+    let format = match to {
+        Some(to) => Format::named(to)
+            .filter(|format| format.is_written())
+            .ok_or_else(|| UnknownName::new_err(format!("unknown format `{to}`; known: {}", known())))?,
+        None => {
+            let ending = path.extension().and_then(|ending| ending.to_str());
+            let of_ending = Format::written().find(|format| Some(format.ending()) == ending);
+            of_ending.ok_or_else(|| {
+                let endings: Vec<String> =
+                    Format::written().map(|format| format!(".{}", format.ending())).collect();
+                OptionError::new_err(format!(
+                    "`{}` ends in none of {}; say to= one of {}",
+                    path.display(),
+                    endings.join(", "),
+                    known()
+                ))
+            })?
+        }
     };
-    let to = to.or_else(of_ending).ok_or_else(|| {
-        OptionError::new_err(format!(
-            "`{}` ends in none of .pkl, .safetensors, .xosc, .tfrecord, .json; say to='pickle', 'native', 'openscenario', 'womd' or 'gpudrive'",
-            path.display()
-        ))
-    })?;
-    let known = ["pickle", "native", "openscenario", "womd", "gpudrive"];
-    if !known.contains(&to) {
-        return Err(UnknownName::new_err(format!("unknown format `{to}`; known: {}", known.join(", "))));
-    }
     detached(py, || {
         let scene = PyScene::of_shared(item.read()?.1);
         let mut files = Vec::new();
-        match to {
-            "pickle" | "native" => files.push((path, scene.bytes(to == "native")?)),
+        match format {
+            Format::Pickle | Format::Native => files.push((path, scene.bytes(format == Format::Native)?)),
             _ => {
                 // With what a derived scene says of itself.
                 let recording = Recording::from_bytes(&scene.origin.path, scene.bytes(true)?)?;
-                match to {
-                    "womd" => files.push((path, womd::frame(&recording.to_scenario()?.data))),
-                    "gpudrive" => files.push((path, recording.to_gpudrive()?.json)),
+                match format {
+                    Format::TfRecord => files.push((path, womd::frame(&recording.to_scenario()?.data))),
+                    Format::GpuDrive => files.push((path, recording.to_gpudrive()?.json)),
                     _ => {
                         let (map, network, scenario) = results::scenario(&recording)?;
                         files.push((path.with_file_name(map), network.into_bytes()));

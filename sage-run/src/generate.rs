@@ -12,9 +12,10 @@ mod view;
 
 use std::path::{Path, PathBuf};
 
-use advsage::{Registries, rows::attack::AttackRow};
+use advsage::{Registries, attacked_files::names_of_file, rows::attack::AttackRow};
 use anyhow::Result;
 use rayon::prelude::*;
+use sage_data::Format;
 
 use crate::{
     Outcome,
@@ -23,7 +24,7 @@ use crate::{
     scene_queue::{self, Input, Report, Scenes, Worked, is_row_of, work_on},
 };
 
-pub use options::{DatasetFormat, GenerateOptions};
+pub use options::GenerateOptions;
 
 use names::{INDEX, page_file, picture_file, row_file};
 use plan::Plan;
@@ -65,7 +66,7 @@ pub fn run(options: &GenerateOptions, part: Part, registries: &Registries) -> Re
                 shards: &worked.shards,
                 results: scene_queue::results(records),
                 seconds_per_attack: worked.median_seconds(),
-                has_pickles: plan.writes_pickles(),
+                has_pickles: plan.options.format.has(Format::Pickle),
                 is_done: Counts::of(records).failed() == 0,
             })?;
             note_others(out, listed.saturating_sub(all.len() * plan.variants().len()), records);
@@ -150,12 +151,7 @@ fn outputs(plan: &Plan, folder: &Path, input: &Input) -> Vec<String> {
     let mut names = vec![picture_file(&input.scene), page_file(&input.scene)];
     for variant in plan.variants() {
         let (row, name) = (row_file(&input.scene, variant), format!("{}-{variant}", input.scene));
-        let is_own = |file: &String| {
-            let is_pickle = file.starts_with("sd_") && file.ends_with(&format!("_{name}.pkl"));
-            let is_native = *file == format!("{name}.safetensors");
-            let is_scenario = *file == format!("{name}.xosc");
-            (is_pickle || is_native || is_scenario) && !file.contains(['/', '\\'])
-        };
+        let is_own = |file: &String| names_of_file(file).contains(&&*name) && !file.contains(['/', '\\']);
         // The row is removed last, because it alone knows the names.
         if let Some(found) = AttackRow::read(&folder.join(&row)) {
             names.extend(found.files.into_iter().filter(is_own));

@@ -3,28 +3,26 @@
 use std::path::PathBuf;
 
 use advsage::{
+    attacked_files::AttackFormats,
     latest_start,
     named_generator::GeneratorSpec,
     operating_point::{self, OperatingPoints},
     part::{Part, PolicyPart},
 };
 use anyhow::{Context as _, Result};
-use clap::{
-    Args, ValueEnum,
-    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
-};
+use clap::{Args, ValueEnum};
 use sage_data::{
     dataset::Shard,
     openscenario::{EgoMode, Standard},
 };
 use sage_generators::Rate;
-use sage_run::generate::{DatasetFormat, GenerateOptions};
+use sage_run::generate::GenerateOptions;
 use serde_json::{Map, Value};
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
     avoiding::AvoidableArgs,
-    converting::{ego_modes, standards},
+    formats::{attack_formats, ego_modes, standards},
     help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION},
     number,
     reading::ReadingArgs,
@@ -86,8 +84,8 @@ pub(crate) struct GenerateArgs {
     #[arg(long, help_heading = OUTPUT)]
     pub no_candidates: bool,
     /// Format of the written scenes.
-    #[arg(long, help_heading = OUTPUT, default_value = "pickle", value_parser = formats())]
-    pub format: DatasetFormat,
+    #[arg(long, help_heading = OUTPUT, default_value = "pickle", value_parser = attack_formats())]
+    pub format: AttackFormats,
     /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
     #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
     pub standard: Option<Standard>,
@@ -233,12 +231,6 @@ impl GenerateArgs {
             no_candidates: self.no_candidates,
         })
     }
-}
-
-/// Parses a format of scene files.
-fn formats() -> impl TypedValueParser<Value = DatasetFormat> {
-    let all = DatasetFormat::ALL.map(|(_, name, help)| PossibleValue::new(name).help(help));
-    PossibleValuesParser::new(all).try_map(|name| name.parse::<DatasetFormat>())
 }
 
 /// Fit the aggression dial of experts, so that the rate of attacks rises linearly.

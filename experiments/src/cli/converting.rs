@@ -1,19 +1,18 @@
 //! Arguments of `sage convert`.
 
-use std::{path::PathBuf, str::FromStr};
+use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use clap::{
-    Args, ValueEnum,
-    builder::{PossibleValuesParser, TypedValueParser},
-};
+use clap::Args;
 use sage_data::{
+    Format,
     dataset::Shard,
-    openscenario::{EgoMode, Standard, UnknownName},
+    openscenario::{EgoMode, Standard},
 };
 
 use super::{
     FolderArgs,
+    formats::{ego_modes, scene_formats, standards},
     help::{OUTPUT, RUN, SCENE},
     reading::ReadingArgs,
 };
@@ -43,8 +42,8 @@ pub(crate) struct ConvertArgs {
     #[arg(required = true, value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     /// Output format.
-    #[arg(long, help_heading = OUTPUT, value_enum)]
-    pub to: ConvertFormat,
+    #[arg(long, help_heading = OUTPUT, value_name = "TO", value_parser = scene_formats(&[]))]
+    pub to: Format,
     /// Version of OpenSCENARIO with --to openscenario (default: 1.2).
     #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
     pub standard: Option<Standard>,
@@ -79,48 +78,15 @@ impl ConvertArgs {
     ///
     /// *Errors*: the first such option.
     pub(crate) fn check(&self) -> Result<()> {
-        let is_womd = matches!(self.to, ConvertFormat::Womd);
+        let is_womd = self.to == Format::TfRecord;
         if self.scenes_per_file.is_some() && !is_womd {
             bail!("--scenes-per-file needs --to womd");
         }
-        let is_scenario = matches!(self.to, ConvertFormat::Openscenario);
+        let is_scenario = self.to == Format::OpenScenario;
         let given = [("--standard", self.standard.is_some()), ("--ego", self.ego.is_some())];
         match given.into_iter().find(|(_, is_given)| *is_given) {
             Some((name, _)) if !is_scenario => bail!("{name} needs --to openscenario"),
             _ => Ok(()),
         }
     }
-}
-
-/// Output formats of `sage convert`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ConvertFormat {
-    /// safetensors file: fastest to load, readable by other tools.
-    Native,
-    /// Pickle for MetaDrive and ScenarioNet.
-    Pickle,
-    /// TFRecord files of Scenario protos, as in the Waymo Open Motion Dataset.
-    Womd,
-    /// JSON of GPUDrive, which PufferDrive and ScenarioMax read too.
-    Gpudrive,
-    /// OpenSCENARIO XML with an OpenDRIVE map, for simulators.
-    Openscenario,
-}
-
-/// Parses a version of OpenSCENARIO.
-pub(super) fn standards() -> impl TypedValueParser<Value = Standard> {
-    names(Standard::ALL.map(Standard::name))
-}
-
-/// Parses who drives the ego of a scenario.
-pub(super) fn ego_modes() -> impl TypedValueParser<Value = EgoMode> {
-    names(EgoMode::ALL.map(EgoMode::name))
-}
-
-/// Parses one of some names.
-fn names<T, const N: usize>(all: [&'static str; N]) -> impl TypedValueParser<Value = T>
-where
-    T: FromStr<Err = UnknownName> + Clone + Send + Sync + 'static,
-{
-    PossibleValuesParser::new(all).try_map(|name| name.parse())
 }

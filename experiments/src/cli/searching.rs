@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use advsage::{
+    attacked_files::AttackFormats,
     part::{Part, PolicyPart},
     references,
 };
@@ -22,7 +23,7 @@ use sage_sim::{
 use super::{
     AttackArgs, FolderArgs, PlannerArgs, ReadingArgs,
     avoiding::AvoidableArgs,
-    converting::{ego_modes, standards},
+    formats::{attack_formats, ego_modes, standards},
     help::{ATTACK, DRIVER, OUTPUT, RUN, SEARCH, SELECTION},
 };
 
@@ -94,8 +95,8 @@ pub(crate) struct SearchArgs {
     #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     /// Formats of the attacked scenes.
-    #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = SearchFormat::Native)]
-    pub format: SearchFormat,
+    #[arg(long, help_heading = OUTPUT, default_value = "native", value_parser = attack_formats())]
+    pub format: AttackFormats,
     /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
     #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
     pub standard: Option<Standard>,
@@ -111,23 +112,6 @@ pub(crate) struct SearchArgs {
     pub folder: FolderArgs,
     #[command(flatten)]
     pub reading: ReadingArgs,
-}
-
-/// Formats of the attacked scenes of a search.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum SearchFormat {
-    /// Native files (safetensors).
-    Native,
-    /// MetaDrive pickles, with `dataset_summary.pkl` and `dataset_mapping.pkl`.
-    Pickle,
-    /// Pickles and native files.
-    Both,
-    /// JSON of GPUDrive, in which simulators drive the attack and their policy the ego.
-    Gpudrive,
-    /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.
-    Openscenario,
-    /// No scene files: the rows alone hold the plans.
-    None,
 }
 
 /// Names of [`Order`].

@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
-use advsage::part::PolicyPart;
+use advsage::{attacked_files::AttackFormats, part::PolicyPart};
 use clap::{Args, ValueEnum};
 use sage_sim::search::suite::MOST_TESTS;
 
 use super::{
-    FolderArgs, PlannerArgs, SearchFormat,
+    FolderArgs, PlannerArgs,
+    formats::attack_formats,
     help::{DRIVER, OUTPUT, RUN, SELECTION},
 };
 
@@ -66,8 +67,8 @@ pub(crate) struct SuiteArgs {
     #[arg(long, help_heading = SELECTION, value_name = "N", value_parser = tests)]
     pub diverse: Option<usize>,
     /// Formats of the attacked scenes.
-    #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = SearchFormat::Native)]
-    pub format: SearchFormat,
+    #[arg(long, help_heading = OUTPUT, default_value = "native", value_parser = attack_formats())]
+    pub format: AttackFormats,
     #[command(flatten)]
     pub folder: FolderArgs,
 }

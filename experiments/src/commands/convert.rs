@@ -11,7 +11,7 @@ use std::{
 };
 
 use anyhow::Result;
-use sage_data::{stream::Inputs, womd};
+use sage_data::{Format, stream::Inputs, womd};
 use sage_run::{
     Outcome, input,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, ShardState},
@@ -19,7 +19,7 @@ use sage_run::{
 };
 use serde_json::{Value, json};
 
-use crate::cli::{ConvertArgs, ConvertFormat};
+use crate::cli::ConvertArgs;
 
 /// Notes that are printed. Those of an OpenSCENARIO file are also in its map.
 const MOST_NOTES: usize = 12;
@@ -58,12 +58,12 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
     let out = &args.folder.out;
     let files: Vec<PathBuf> = inputs.files().map(Path::to_owned).collect();
     let mut outputs: Vec<PathBuf> = match args.to {
-        ConvertFormat::Womd => tfrecords::files(tfrecords::total(&inputs)?, args.scenes_per_file()),
+        Format::TfRecord => tfrecords::files(tfrecords::total(&inputs)?, args.scenes_per_file()),
         format => names.iter().map(|name| file_name(name, format)).collect(),
     };
     outputs.push(MANIFEST.into());
     output::protect_inputs(&args.paths, &files, out, &outputs)?;
-    let outdated = || if args.to == ConvertFormat::Womd { tfrecords::outdated(out) } else { Vec::new() };
+    let outdated = || if args.to == Format::TfRecord { tfrecords::outdated(out) } else { Vec::new() };
     let run =
         DatasetRun::start(out, identity(args, &inputs), args.folder.force, part, &[MANIFEST], outdated)?;
     if part == Part::Join {
@@ -72,7 +72,7 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
     let mut progress = Progress::new("converted", inputs.count().filter(|_| part == Part::Whole));
     let mut tally = Tally::default();
     let outcome = match args.to {
-        ConvertFormat::Womd => tfrecords::convert(args, part, &inputs, &run, &mut progress, &mut tally),
+        Format::TfRecord => tfrecords::convert(args, part, &inputs, &run, &mut progress, &mut tally),
         _ => scenes::convert(args, part, &inputs, &run, &mut progress, &mut tally),
     };
     let Tally { whole, failed, notes, names, records } = tally;
@@ -116,7 +116,7 @@ fn join(args: &ConvertArgs, run: DatasetRun) -> Result<Outcome> {
 /// Writes what belongs to no single scene.
 fn finish(args: &ConvertArgs, run: DatasetRun, records: &[SceneRecord], shards: &[ShardState]) -> Result<()> {
     let results = match args.to {
-        ConvertFormat::Womd => {
+        Format::TfRecord => {
             let total = tfrecords::finish(&run, records.len())?;
             json!({"scenes": total.scenes, "failed": total.failed})
         }
@@ -125,7 +125,7 @@ fn finish(args: &ConvertArgs, run: DatasetRun, records: &[SceneRecord], shards: 
             json!({"scenes": counts.done, "failed": counts.failed()})
         }
     };
-    let has_pickles = args.to == ConvertFormat::Pickle;
+    let has_pickles = args.to == Format::Pickle;
     let is_done = Counts::of(records).failed() == 0;
     run.finish(Ended { records, shards, results, seconds_per_attack: None, has_pickles, is_done })?;
     Ok(())
@@ -148,29 +148,18 @@ fn with_suffix(name: &Path, suffix: &str) -> PathBuf {
 }
 
 /// Name of the file of a scene in a format.
-fn file_name(name: &Path, format: ConvertFormat) -> PathBuf {
+fn file_name(name: &Path, format: Format) -> PathBuf {
     // Names may hold dots, after which an extension would be replaced.
     let mut file = name.as_os_str().to_owned();
     file.push(".");
-    file.push(ending(format));
+    file.push(format.ending());
     file.into()
-}
-
-/// Ending of the files of a format.
-fn ending(format: ConvertFormat) -> &'static str {
-    match format {
-        ConvertFormat::Native => "safetensors",
-        ConvertFormat::Pickle => "pkl",
-        ConvertFormat::Womd => "tfrecord",
-        ConvertFormat::Gpudrive => "json",
-        ConvertFormat::Openscenario => "xosc",
-    }
 }
 
 /// What identifies a run: the options and the inputs. A run with --force is another one, because files of earlier runs
 /// do not count as its own.
 fn identity(args: &ConvertArgs, inputs: &Inputs) -> Value {
-    let is_scenario = args.to == ConvertFormat::Openscenario;
+    let is_scenario = args.to == Format::OpenScenario;
     let mut hasher = blake3::Hasher::new();
     for file in inputs.files() {
         let found = std::fs::metadata(womd::shard_of(file).as_deref().unwrap_or(file)).ok();
@@ -179,11 +168,11 @@ fn identity(args: &ConvertArgs, inputs: &Inputs) -> Value {
         hasher.update(format!("{described:?}").as_bytes());
     }
     json!({
-        "convert": ending(args.to),
+        "convert": args.to.ending(),
         "standard": is_scenario.then(|| args.standard.unwrap_or_default().name()),
         "ego": is_scenario.then(|| args.ego.unwrap_or_default().name()),
         "reading": output::reading_identity(&args.reading.options()),
-        "scenes_per_file": (args.to == ConvertFormat::Womd).then(|| args.scenes_per_file()),
+        "scenes_per_file": (args.to == Format::TfRecord).then(|| args.scenes_per_file()),
         "inputs": hasher.finalize().to_hex()[..16],
         "force": args.folder.force,
         "program": output::program(),

@@ -14,7 +14,7 @@ use sage_run::{
     progress::{Progress, count},
 };
 
-use crate::cli::{Format, ScenesArgs};
+use crate::cli::ScenesArgs;
 
 /// Scenes generated between two progress reports.
 const WINDOW: u64 = 64;
@@ -22,10 +22,7 @@ const WINDOW: u64 = 64;
 pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
     let kinds = if args.kind.is_empty() { &Kind::ALL[..] } else { &args.kind };
     let out = Folder::make(&args.out, args.force)?;
-    let ending = match args.format {
-        Format::Native => "safetensors",
-        Format::Pickle => "pkl",
-    };
+    let ending = args.format.ending();
     let mut progress = Progress::new("generated", args.count as usize);
     for first in (0..args.count).step_by(WINDOW as usize) {
         let last = (first + WINDOW).min(args.count);

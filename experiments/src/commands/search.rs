@@ -13,6 +13,7 @@ use advsage::{
     rows::search::{SceneRow, drives_file, failure_name, row_file, unchanged_file},
 };
 use anyhow::{Result, bail};
+use sage_data::Format;
 use sage_run::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part},
@@ -55,7 +56,7 @@ pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Res
                 shards: &worked.shards,
                 results,
                 seconds_per_attack: worked.median_seconds(),
-                has_pickles: searcher.writes_pickles(),
+                has_pickles: args.format.has(Format::Pickle),
                 is_done: Counts::of(records).failed() == 0,
             })?;
         }

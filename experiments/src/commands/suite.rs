@@ -6,12 +6,12 @@ use std::collections::{HashMap, HashSet};
 
 use advsage::{
     Registries,
-    attacked_files::{Attack, AttackedFiles, Formats},
+    attacked_files::{Attack, AttackedFiles, names_of_file},
     rows::search::{FailureRow, SceneRow, failure_name},
 };
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
-use sage_data::{Recording, dataset};
+use sage_data::{Format, Recording, dataset, openscenario::Options};
 use sage_run::{
     Outcome,
     outcome::{caught, without_defects},
@@ -25,7 +25,7 @@ use sage_sim::search::{
 };
 
 use super::search::found::{FailureScene, Found, json, without_folders};
-use crate::cli::{Keep, SearchFormat, SuiteArgs};
+use crate::cli::{Keep, SuiteArgs};
 
 /// Clusters that are printed.
 const SHOWN: usize = 10;
@@ -107,7 +107,7 @@ pub(crate) fn run(args: &SuiteArgs, registries: &Registries) -> Result<Outcome> 
         suite.suite = 1;
     }
     suite.check().map_err(|problem| anyhow!(problem))?;
-    if matches!(args.format, SearchFormat::Pickle | SearchFormat::Both) {
+    if args.format.has(Format::Pickle) {
         dataset::write_tables(folder.path())?;
     }
     folder.write(FILE, &serde_json::to_vec(&suite)?)?;
@@ -225,13 +225,7 @@ impl Maker<'_> {
         let is_free = |variant: &String| !self.names.contains(&format!("{scene}-{variant}"));
         let variant = (0..).map(named).find(is_free).unwrap_or_default();
         self.names.insert(format!("{scene}-{variant}"));
-        let formats = Formats {
-            pickle: matches!(self.args.format, SearchFormat::Pickle | SearchFormat::Both),
-            native: matches!(self.args.format, SearchFormat::Native | SearchFormat::Both),
-            gpudrive: self.args.format == SearchFormat::Gpudrive,
-            scenario: (self.args.format == SearchFormat::Openscenario).then(Default::default),
-        };
-        let files = AttackedFiles::new(recording, scene, formats)?;
+        let files = AttackedFiles::new(recording, scene, self.args.format, Options::default())?;
         let generated = failure.generated.unwrap_or_default();
         let FailureRow { head, evaluated, .. } = failure;
         files.check_names(std::iter::once(&*variant))?;
@@ -289,13 +283,7 @@ fn remove_old(folder: &Folder) -> Result<()> {
     let names: HashSet<&str> = old.tests.iter().map(|test| &*test.name).collect();
     for entry in std::fs::read_dir(folder.path())? {
         let file = entry?.file_name().to_string_lossy().into_owned();
-        let (stem, ending) = file.rsplit_once('.').unwrap_or((&file, ""));
-        let is_of_test = match ending {
-            "safetensors" | "xosc" => names.contains(stem),
-            // `sd_<dataset>_<version>_<test>.pkl`
-            "pkl" => stem.match_indices('_').any(|(k, _)| names.contains(&stem[k + 1..])),
-            _ => false,
-        };
+        let is_of_test = names_of_file(&file).iter().any(|name| names.contains(name));
         if is_of_test || [dataset::SUMMARY, dataset::MAPPING].contains(&&*file) {
             folder.remove(&file)?;
         }

@@ -77,7 +77,7 @@ impl<'w> SceneWriter<'w> {
         let plan = self.plan;
         let generator = &plan.generator;
         let warnings = checks::important(&recording.scene);
-        let files = AttackedFiles::new(&recording, self.scene, plan.formats())?;
+        let files = AttackedFiles::new(&recording, self.scene, plan.options.format, plan.scenario_options())?;
         files.check_names(plan.variants().iter().map(|variant| &**variant))?;
         let scene = Arc::new(recording.scene.with_roles(None, plan.options.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());

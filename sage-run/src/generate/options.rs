@@ -1,8 +1,8 @@
 //! What `sage generate` is asked for.
 
-use std::{path::PathBuf, str::FromStr};
+use std::path::PathBuf;
 
-use advsage::{named_generator::GeneratorSpec, part::PolicyPart};
+use advsage::{attacked_files::AttackFormats, named_generator::GeneratorSpec, part::PolicyPart};
 use sage_data::{
     ReadOptions,
     openscenario::{EgoMode, Standard},
@@ -27,7 +27,7 @@ pub struct GenerateOptions {
     /// The search for evasive manoeuvres, if it is not the default one.
     pub avoidable: Option<AvoidanceOptions>,
     /// Format of the written scenes.
-    pub format: DatasetFormat,
+    pub format: AttackFormats,
     /// Version of OpenSCENARIO.
     pub standard: Option<Standard>,
     /// Who drives the ego of a scenario.
@@ -46,47 +46,4 @@ pub struct GenerateOptions {
     pub no_pages: bool,
     /// Whether candidates that were not selected are left out of the rows.
     pub no_candidates: bool,
-}
-
-/// Formats of the scene files of a data set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DatasetFormat {
-    /// MetaDrive pickles, with `dataset_summary.pkl` and `dataset_mapping.pkl`.
-    Pickle,
-    /// Pickles and native files.
-    Both,
-    /// No scene files: rows, pages and pictures alone.
-    Rows,
-    /// Native files (safetensors).
-    Native,
-    /// JSON of GPUDrive, in which simulators drive the attack and their policy the ego.
-    Gpudrive,
-    /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.
-    Openscenario,
-}
-
-impl DatasetFormat {
-    /// All formats with their names and what they are.
-    pub const ALL: [(Self, &str, &str); 6] = [
-        (Self::Pickle, "pickle", "MetaDrive pickles, with `dataset_summary.pkl` and `dataset_mapping.pkl`"),
-        (Self::Both, "both", "Pickles and native files"),
-        (Self::Rows, "rows", "No scene files: rows, pages and pictures alone"),
-        (Self::Native, "native", "Native files (safetensors)"),
-        (
-            Self::Gpudrive,
-            "gpudrive",
-            "JSON of GPUDrive, in which simulators drive the attack and their policy the ego",
-        ),
-        (Self::Openscenario, "openscenario", "OpenSCENARIO files and their OpenDRIVE maps, for simulators"),
-    ];
-}
-
-impl FromStr for DatasetFormat {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|(_, own, _)| *own == name);
-        let known = || Self::ALL.map(|(_, name, _)| name).join(", ");
-        Ok(found.ok_or_else(|| format!("unknown format `{name}`; known: {}", known()))?.0)
-    }
 }

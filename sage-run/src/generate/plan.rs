@@ -2,17 +2,16 @@
 
 use advsage::{
     Registries,
-    attacked_files::Formats,
     ego::{self, Ego},
     named_generator::NamedGenerator,
     operating_point::OperatingPointSpec,
     rows::GeneratedBy,
 };
-use anyhow::{Result, bail};
-use sage_data::openscenario::Options;
+use anyhow::Result;
+use sage_data::{Format, openscenario::Options};
 use serde_json::{Value, json};
 
-use super::options::{DatasetFormat, GenerateOptions};
+use super::options::GenerateOptions;
 use crate::{networks, output, progress};
 
 /// What attacks, what drives the ego before, and what is written.
@@ -28,10 +27,7 @@ impl<'a> Plan<'a> {
     ///
     /// *Errors*: an option is out of range or names an unknown part; weights cannot be used.
     pub(super) fn new(options: &'a GenerateOptions, registries: &Registries) -> Result<Self> {
-        let is_scenario = options.format == DatasetFormat::Openscenario;
-        if !is_scenario && (options.standard.is_some() || options.scenario_ego.is_some()) {
-            bail!("--standard and --scenario-ego need --format openscenario");
-        }
+        options.format.check_scenario(options.standard, options.scenario_ego)?;
         let driver = options.ego.clone();
         let driver = match options.ego_timeout {
             Some(times) => driver.with_timeouts(times),
@@ -56,28 +52,13 @@ impl<'a> Plan<'a> {
         format!("selection {} against {driver}{weights}", self.generator.selection.name)
     }
 
-    /// True if pickles are written.
-    pub(super) fn writes_pickles(&self) -> bool {
-        matches!(self.options.format, DatasetFormat::Both | DatasetFormat::Pickle)
-    }
-
-    /// Choices for OpenSCENARIO files, without the licence; `None` if none are written.
-    fn scenario_options(&self) -> Option<Options> {
-        let GenerateOptions { format, standard, scenario_ego, .. } = self.options;
-        (*format == DatasetFormat::Openscenario).then(|| Options {
+    /// Choices for OpenSCENARIO files, without the licence.
+    pub(super) fn scenario_options(&self) -> Options {
+        let GenerateOptions { standard, scenario_ego, .. } = self.options;
+        Options {
             standard: standard.unwrap_or_default(),
             ego: scenario_ego.unwrap_or_default(),
             license: None,
-        })
-    }
-
-    /// The files of each attack.
-    pub(super) fn formats(&self) -> Formats {
-        Formats {
-            pickle: self.writes_pickles(),
-            native: matches!(self.options.format, DatasetFormat::Both | DatasetFormat::Native),
-            gpudrive: self.options.format == DatasetFormat::Gpudrive,
-            scenario: self.scenario_options(),
         }
     }
 
@@ -86,7 +67,8 @@ impl<'a> Plan<'a> {
     /// *Errors*: the file of a `path` cannot be read.
     pub(super) fn identity(&self) -> Result<Value> {
         let mut identity = networks::generator_identity(&self.generator)?;
-        if let Some(options) = self.scenario_options() {
+        if self.options.format.has(Format::OpenScenario) {
+            let options = self.scenario_options();
             identity["scenario"] = json!([options.standard.name(), options.ego.name()]);
         }
         let reading = output::reading_identity(&self.options.reading);

@@ -6,7 +6,7 @@ use std::{
 };
 
 use advsage::{
-    attacked_files::{Attack, AttackedFiles, Facts, Formats},
+    attacked_files::{Attack, AttackFormats, AttackedFiles, Facts},
     rows::{
         ROW_LIMIT,
         attack::{AttackRow, LeftOutRow},
@@ -14,7 +14,7 @@ use advsage::{
 };
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::files::{self, Existing};
-use sage_data::{Recording, folder, openscenario::Options};
+use sage_data::{Format, Recording, folder, openscenario::Options};
 use sage_run::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
@@ -23,7 +23,7 @@ use sage_run::{
 };
 use serde_json::json;
 
-use crate::cli::{ConvertArgs, ConvertFormat};
+use crate::cli::ConvertArgs;
 
 /// The folder of a run of `sage generate`.
 struct Source {
@@ -53,7 +53,7 @@ pub(super) fn explained(error: anyhow::Error, paths: &[PathBuf]) -> anyhow::Erro
 /// Converts the rows of a folder, with the scenes that they attack.
 pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> {
     let [path] = &args.paths[..] else { bail!("with --of, name one folder of rows, or one row") };
-    if args.to == ConvertFormat::Womd {
+    if args.to == Format::TfRecord {
         bail!("rows become scene files first: convert --to native, and the result --to womd");
     }
     let source = Source::read(path)?;
@@ -69,7 +69,7 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
     let out = &args.folder.out;
     scenes.protect(out, vec![path.clone()])?;
     let identity = json!({
-        "convert": super::ending(args.to), "rows": source.run, "scenes": names_hash(&scenes.names()),
+        "convert": args.to.ending(), "rows": source.run, "scenes": names_hash(&scenes.names()),
         "standard": args.standard.unwrap_or_default().name(), "ego": args.ego.unwrap_or_default().name(),
         "reading": output::reading_identity(&args.reading.options()), "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
@@ -85,7 +85,7 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
             shards: &worked.shards,
             results: scene_queue::results(records),
             seconds_per_attack: None,
-            has_pickles: args.to == ConvertFormat::Pickle,
+            has_pickles: args.to == Format::Pickle,
             is_done: Counts::of(records).failed() == 0,
         })?),
     }
@@ -151,18 +151,13 @@ impl Source {
         let bytes = sage_data::read_bytes(&input.file)?;
         let hash = args.reading.options().source_hash(&bytes);
         let recording = Recording::from_bytes_as(&input.file, bytes, &args.reading.options())?;
-        let scenario = (args.to == ConvertFormat::Openscenario).then(|| Options {
+        let scenario = Options {
             standard: args.standard.unwrap_or_default(),
             ego: args.ego.unwrap_or_default(),
             license: None,
-        });
-        let formats = Formats {
-            pickle: args.to == ConvertFormat::Pickle,
-            native: args.to == ConvertFormat::Native,
-            gpudrive: args.to == ConvertFormat::Gpudrive,
-            scenario,
         };
-        let writer = AttackedFiles::new(&recording, &input.scene, formats)?;
+        let formats = args.to.name().parse::<AttackFormats>().map_err(anyhow::Error::msg)?;
+        let writer = AttackedFiles::new(&recording, &input.scene, formats, scenario)?;
         let mut names = Vec::new();
         for file in self.rows.get(&input.scene).into_iter().flatten() {
             let in_row = || format!("`{}`", file.display());

@@ -12,7 +12,7 @@ use sage_core::{
     files::{self, Existing},
 };
 use sage_data::{
-    EncodedGpuDrive, Recording, dataset, folder,
+    EncodedGpuDrive, Format, Recording, dataset, folder,
     openscenario::{Export, Options},
     repairs,
     stream::{Inputs, Item, map_in_order},
@@ -26,7 +26,7 @@ use sage_run::{
 };
 
 use super::{Tally, file_name, with_suffix};
-use crate::cli::{ConvertArgs, ConvertFormat};
+use crate::cli::ConvertArgs;
 
 /// Size limit of a scenario, bytes.
 const SCENARIO_LIMIT: u64 = 1 << 30;
@@ -148,7 +148,7 @@ impl Names<'_> {
             }
         };
         let file = |name: &Path| match &dataset {
-            Some(dataset) if self.args.to == ConvertFormat::Pickle => {
+            Some(dataset) if self.args.to == Format::Pickle => {
                 dataset::file_name(dataset, VERSION, &name.to_string_lossy()).into()
             }
             _ => file_name(name, self.args.to),
@@ -217,8 +217,8 @@ fn converted(
     } else {
         let recording = item.read(&args.reading.options())?;
         match args.to {
-            ConvertFormat::Openscenario => write_scenario(args, &recording, &target, !known.is_empty())?,
-            ConvertFormat::Gpudrive => {
+            Format::OpenScenario => write_scenario(args, &recording, &target, !known.is_empty())?,
+            Format::GpuDrive => {
                 let EncodedGpuDrive { json, notes } = recording.to_gpudrive()?;
                 files::write(&target, &json, Existing::Replace)
                     .with_context(|| format!("cannot write `{}`", target.display()))?;
@@ -230,7 +230,7 @@ fn converted(
             }
         }
     };
-    let map = if args.to == ConvertFormat::Openscenario { map_of(&target)? } else { None };
+    let map = if args.to == Format::OpenScenario { map_of(&target)? } else { None };
     let files = std::iter::once(name.to_owned()).chain(map.map(|map| beside(name, &map)));
     let files: Vec<String> = files.collect();
     let record = SceneRecord::new(name, State::Done, String::new());

@@ -20,7 +20,7 @@ use sage_core::{
     objective::{Objective, ObjectiveSpec},
     scene::Scene,
 };
-use sage_data::{ReadOptions, Recording};
+use sage_data::{Format, ReadOptions, Recording};
 
 /// A row with the candidates that the attack was selected from.
 type Row = AttackRow<Vec<CandidateRow<Trajectory>>>;
@@ -104,7 +104,9 @@ fn source(row: &Row, path: &Path, options: &ReadOptions) -> Result<Recording> {
 
 /// The attacked scene beside the row.
 fn scene_file(row: &Row, path: &Path) -> Result<PathBuf> {
-    let is_scene = |name: &&String| name.ends_with(".pkl") || name.ends_with(".safetensors");
+    let is_scene = |name: &&String| {
+        [Format::Pickle, Format::Native].iter().any(|format| name.ends_with(format.ending()))
+    };
     let is_plain = |name: &&String| !name.contains(['/', '\\']);
     let file = row.files.iter().filter(is_plain).find(is_scene);
     let found = file.map(|name| path.with_file_name(name)).filter(|file| file.is_file());

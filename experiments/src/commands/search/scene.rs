@@ -3,7 +3,7 @@
 use std::{path::Path, sync::Arc, time::Instant};
 
 use advsage::{
-    attacked_files::{Attack, AttackedFiles, Scenarios},
+    attacked_files::{Attack, AttackFormats, AttackedFiles, Scenarios},
     operating_point::RowKey,
     prepared::DriverInScene,
     rows::{
@@ -32,7 +32,6 @@ use sage_view::player::shown_part;
 use serde_json::json;
 
 use super::{picture, searcher::Searcher};
-use crate::cli::SearchFormat;
 
 /// Name of the picture of a scene.
 pub(super) fn picture_file(scene: &str) -> String {
@@ -73,7 +72,7 @@ impl OneScene<'_> {
         let args = searcher.args;
         let clock = Instant::now();
         let warnings = checks::important(&recording.scene);
-        let files = AttackedFiles::new(recording, self.name, searcher.formats())?;
+        let files = AttackedFiles::new(recording, self.name, args.format, searcher.scenario_options())?;
         files.check_names([&*failure_name(searcher.options.budget)].into_iter())?;
         let scene = Arc::new(recording.scene.clone().with_roles(None, args.attack.adversary.as_deref())?);
         let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
@@ -107,7 +106,7 @@ impl OneScene<'_> {
         // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.
         row.files = self.write_failures(&files, &scene, &row.head, &pool, &result)?;
         let mut written = Vec::new();
-        if !result.failures.is_empty() && args.format != SearchFormat::None {
+        if !result.failures.is_empty() && args.format != AttackFormats::NONE {
             written.push((unchanged_file(self.name), recording.to_native()?));
         }
         written.push((drives_file(self.name), serde_json::to_vec(&self.drives(&row.head, &pool, &result))?));

@@ -2,20 +2,19 @@
 
 use advsage::{
     Registries,
-    attacked_files::Formats,
     ego::{self, Ego},
     generators::weight_hashes,
     named_search::{NamedSearch, SearchSpec},
     search::PlanSources,
     selection::Selection,
 };
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use sage_data::openscenario::Options;
 use sage_run::{networks, output, progress};
 use sage_sim::search::SearchOptions;
 use serde_json::{Map, Value, json};
 
-use crate::cli::{SearchArgs, SearchFormat};
+use crate::cli::SearchArgs;
 
 /// What searches all scenes.
 pub(super) struct Searcher<'a> {
@@ -31,10 +30,7 @@ impl<'a> Searcher<'a> {
     ///
     /// *Errors*: an argument is out of range or names an unknown part; weights cannot be used.
     pub(super) fn new(args: &'a SearchArgs, registries: &'a Registries) -> Result<Self> {
-        let is_scenario = args.format == SearchFormat::Openscenario;
-        if !is_scenario && (args.standard.is_some() || args.scenario_ego.is_some()) {
-            bail!("--standard and --scenario-ego need --format openscenario");
-        }
+        args.format.check_scenario(args.standard, args.scenario_ego)?;
         let ego = Ego::new(&args.planner.applied(&args.ego), registries)?
             .with_references(&args.reference, registries)?;
         let ego = Ego { fault: args.fault, ..ego };
@@ -86,24 +82,14 @@ impl<'a> Searcher<'a> {
         self.named.weights.as_ref().map(|weights| &*weights.name)
     }
 
-    /// The files of each failure.
-    pub(super) fn formats(&self) -> Formats {
-        let SearchArgs { format, standard, scenario_ego, .. } = self.args;
-        Formats {
-            pickle: self.writes_pickles(),
-            native: matches!(format, SearchFormat::Native | SearchFormat::Both),
-            gpudrive: *format == SearchFormat::Gpudrive,
-            scenario: (*format == SearchFormat::Openscenario).then(|| Options {
-                standard: standard.unwrap_or_default(),
-                ego: scenario_ego.unwrap_or_default(),
-                license: None,
-            }),
+    /// Choices for OpenSCENARIO files, without the licence.
+    pub(super) fn scenario_options(&self) -> Options {
+        let SearchArgs { standard, scenario_ego, .. } = self.args;
+        Options {
+            standard: standard.unwrap_or_default(),
+            ego: scenario_ego.unwrap_or_default(),
+            license: None,
         }
-    }
-
-    /// True if pickles are written.
-    pub(super) fn writes_pickles(&self) -> bool {
-        matches!(self.args.format, SearchFormat::Pickle | SearchFormat::Both)
     }
 
     /// Identity of this run. The folder of another run is refused.
@@ -119,7 +105,7 @@ impl<'a> Searcher<'a> {
             "selection": self.named.selection.objective.spec(), "feasibility": self.named.rule.objective.spec().feasibility,
             "merger": self.args.attack.points.merging.merger.to_string(), "search": self.options,
             "plans": self.args.plans, "adversary": self.args.attack.adversary, "seed": self.args.attack.seed,
-            "format": format!("{:?}", self.args.format), "ego": ego::identity(&self.args.ego)?,
+            "format": self.args.format.name(), "ego": ego::identity(&self.args.ego)?,
             "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
         });
         let files = self.plans().files();

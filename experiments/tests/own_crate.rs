@@ -33,6 +33,12 @@ fn build_template(name: &str, folder: &Path) -> PathBuf {
     let copy = folder.join(name);
     copy_crate(&project.join("examples").join(name), &copy);
     let manifest = fs::read_to_string(copy.join("Cargo.toml")).unwrap();
+    // The command stands for its features: without them the libraries of others are built again.
+    let command = "[dependencies]\nexperiments = { path = \"../../experiments\" }";
+    let manifest = match manifest.contains("experiments =") {
+        true => manifest,
+        false => manifest.replace("[dependencies]", command),
+    };
     fs::write(copy.join("Cargo.toml"), manifest.replace("../..", text(project))).unwrap();
     fs::copy(project.join("Cargo.lock"), copy.join("Cargo.lock")).unwrap();
 

@@ -8,6 +8,7 @@ mod levels;
 mod light;
 mod map;
 mod map_order;
+mod note;
 mod off_road;
 mod scene_data;
 mod sidewalks;
@@ -21,6 +22,7 @@ pub use index::{SceneIndex, Sided};
 pub use levels::{LEVEL_GAP, Levels, is_one_level};
 pub use light::{LightState, TrafficLight};
 pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
+pub use note::{Note, PROVENANCE, Repair};
 pub use off_road::{EDGE_WIDTH, EdgesSinceStart, recording_off_road};
 pub use scene_data::SceneData;
 pub use sidewalks::Sidewalks;
@@ -59,7 +61,7 @@ pub struct Scene {
     /// How the adversary was found.
     pub adversary_origin: AdversaryOrigin,
     /// What a reader corrected or noticed.
-    pub notes: Vec<String>,
+    pub notes: Vec<Note>,
     /// Frames at which a standing road user was not seen, and is taken to be where it was before and after: its track is valid
     /// there.
     pub held: Vec<Held>,
@@ -81,8 +83,6 @@ pub enum AdversaryOrigin {
 
 /// Stands for the road user that a data set was recorded for, if no road user has this id.
 pub const FOCAL: &str = "focal";
-/// Start of the note that names that road user.
-pub const FOCAL_NOTE: &str = "the data set was recorded for the track ";
 
 impl Scene {
     /// Number of steps after *now* that are recorded, at most [`HORIZON`]: the steps on which a trajectory is
@@ -186,11 +186,15 @@ impl Scene {
     pub fn track_index(&self, id: &str) -> Result<usize, Error> {
         let position = |id: &str| self.tracks.iter().position(|track| track.id == id);
         let focal = || {
-            let mut noted = self.notes.iter().filter_map(|note| note.strip_prefix(FOCAL_NOTE));
+            let mut noted = self.notes.iter().filter_map(|note| match note {
+                Note::Focal(track) => Some(&**track),
+                _ => None,
+            });
             noted.next().filter(|_| id == FOCAL).and_then(position)
         };
         position(id).or_else(focal).ok_or_else(|| {
-            let left_out = self.notes.iter().find(|note| note.contains(&format!("track `{id}` is ")));
+            let is_of = |note: &&Note| matches!(note, Note::TrackLeftOut { track, .. } if track == id);
+            let left_out = self.notes.iter().find(is_of);
             Error::Scene {
                 scene: self.id.clone(),
                 problem: match left_out {

@@ -40,7 +40,7 @@ impl Capabilities {
             lights: !scene.lights.is_empty(),
             speed_limits: map.features.iter().filter_map(|feature| feature.lane.as_deref()).any(limit),
             heights: map.points.iter().any(is_high) || valid.any(is_high),
-            sizes: !scene.notes.iter().any(|note| matches!(Repair::of(note), Some((Repair::NoSize, _)))),
+            sizes: !scene.notes.iter().any(|note| note.repair() == Some(Repair::NoSize)),
         }
     }
 

@@ -4,15 +4,13 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use sage_core::{
     motion::{DT, HISTORY, HORIZON, LEAST_HORIZON, NOW},
+    scene::Note,
     scene::{AdversaryOrigin, Hitch, MapKind, Scene, SceneIndex, Track, TrackKind, recording_off_road},
 };
 use serde::Serialize;
 
 pub use crate::warning::Warning;
-use crate::{
-    Capabilities, contradictions, headings,
-    repairs::{Repair, gaps},
-};
+use crate::{Capabilities, contradictions, headings, repairs::Repair};
 
 /// Height difference above which two roads are on different levels, metres.
 const LEVEL: f64 = 3.0;
@@ -124,12 +122,13 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     let mut found = Vec::new();
     let mut warn = |kind, detail: String| found.push(Warning::new(kind, detail));
     for note in &scene.notes {
-        match Repair::of(note) {
-            Some((kind, text)) => warn(kind.name(), text.to_owned()),
-            None if let Some(text) = note.strip_prefix(gaps::NOTE) => warn("held-in-gap", text.to_owned()),
-            None if note.contains("swapped") => warn("swapped-sizes", note.clone()),
-            None => warn("note", note.clone()),
-        }
+        let kind = match note {
+            Note::HeldInGap(_) => "held-in-gap",
+            Note::SwappedSizes(_) => "swapped-sizes",
+            _ => note.repair().map_or("note", Repair::name),
+        };
+        let is_named = note.repair().is_some() || matches!(note, Note::HeldInGap(_));
+        warn(kind, if is_named { note.text().to_owned() } else { note.to_string() });
     }
     let horizon = scene.horizon();
     if horizon < HORIZON {

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 
 use sage_core::{
     geometry::{Point, distance, wrap_angle},
+    scene::Note,
     scene::{Map, MapKind},
 };
 
@@ -19,8 +20,6 @@ const TURN: f64 = 30.0 * std::f64::consts::PI / 180.0;
 const STEP: f64 = 2.0;
 /// Length over which the heading of an end is measured, metres: nearer points are noise.
 const REACH: f64 = 1.0;
-/// How the note on derived links begins.
-pub(crate) const NOTE: &str = "the map has no links between lanes";
 /// Most lanes that follow one lane, and most starts that one place is searched for.
 const MOST: usize = 16;
 
@@ -32,7 +31,7 @@ struct End {
 }
 
 /// Adds the links that the lanes' ends give, if the map has no link, and a note.
-pub(crate) fn derive(map: &mut Map, notes: &mut Vec<String>) {
+pub(crate) fn derive(map: &mut Map, notes: &mut Vec<Note>) {
     let mut lanes = map.features.iter().filter_map(|feature| feature.lane.as_deref());
     if lanes.any(|lane| !lane.entries.is_empty() || !lane.exits.is_empty()) {
         return;
@@ -49,8 +48,8 @@ pub(crate) fn derive(map: &mut Map, notes: &mut Vec<String>) {
             lane.entries.push(*from);
         }
     }
-    let words = if links.len() == 1 { "1 link is" } else { &format!("{} links are", links.len()) };
-    notes.push(format!("{NOTE}; {words} derived from lanes that end within {GAP} m of the start of another"));
+    let how = format!("from lanes that end within {GAP} m of the start of another");
+    notes.push(Note::derived_links(links.len(), &how));
 }
 
 /// Pairs of a lane and one that follows it, by feature.
@@ -197,7 +196,10 @@ mod tests {
             (&[1, 3][..], &[0][..], &[][..])
         );
         assert_eq!((&lane(0).entries[..], &lane(3).entries[..]), (&[1][..], &[2][..]));
-        assert!(notes[0].starts_with(NOTE) && notes[0].contains("3 links"), "{notes:?}");
+        assert!(
+            matches!(notes[0], Note::DerivedLinks(_)) && notes[0].text().contains("3 links"),
+            "{notes:?}"
+        );
     }
 
     #[test]

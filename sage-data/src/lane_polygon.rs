@@ -6,6 +6,7 @@
 
 use sage_core::{
     geometry::{Point, distance},
+    scene::Note,
     scene::{Lane, Map},
 };
 
@@ -25,7 +26,7 @@ const COLLINEAR: f64 = 1e-4;
 const SAME_SHARE: f64 = 1e-6;
 
 /// Replaces the outlines of lanes by centre lines. A lane without one keeps the centre of its outline as a single point.
-pub(crate) fn derive_center_lines(map: &mut Map, lanes: &[usize], notes: &mut Vec<String>) {
+pub(crate) fn derive_center_lines(map: &mut Map, lanes: &[usize], notes: &mut Vec<Note>) {
     if lanes.is_empty() {
         return;
     }
@@ -56,18 +57,18 @@ pub(crate) fn derive_center_lines(map: &mut Map, lanes: &[usize], notes: &mut Ve
         all.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
     };
     if !derived.is_empty() {
-        notes.push(format!(
+        notes.push(Note::Other(format!(
             "centre lines are derived from the polygons of {}: lane {}",
             count(derived.len()),
             names(&derived)
-        ));
+        )));
     }
     if !failed.is_empty() {
-        notes.push(format!(
+        notes.push(Note::Other(format!(
             "no centre line fits the polygons of {}, which have none: lane {}",
             count(failed.len()),
             names(&failed)
-        ));
+        )));
     }
 }
 
@@ -423,6 +424,9 @@ mod tests {
         assert_eq!(map.features[0].lane.as_deref().unwrap().width.len(), line.len());
         assert_eq!(map.points_of(&map.features[1]), [[0.0, -1.75, 0.0], [-20.0, -1.75, 0.0]]);
         assert_eq!(map.points_of(&map.features[2]), [[51.0, 1.0 / 3.0, 0.0]]);
-        assert!(notes.len() == 2 && notes[0].contains("`own`") && notes[1].contains("`odd`"), "{notes:?}");
+        assert!(
+            notes.len() == 2 && notes[0].text().contains("`own`") && notes[1].text().contains("`odd`"),
+            "{notes:?}"
+        );
     }
 }

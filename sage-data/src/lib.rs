@@ -59,7 +59,7 @@ pub use capabilities::Capabilities;
 pub use error::Error;
 pub use format::Format;
 pub use gpudrive::EncodedGpuDrive;
-pub use metadrive::PROVENANCE;
 pub use reading::ReadOptions;
 pub use recording::{MAX_SCENE_FILE, Recording, Source, read_bytes};
+pub use sage_core::scene::PROVENANCE;
 pub use variants::{Variant, VariantWriter};

@@ -19,8 +19,6 @@ pub(crate) use retime::retimed;
 pub(crate) use summary::{complete, update};
 pub(crate) use values::{SceneValues, Values};
 
-/// Metadata key of a written file for the provenance: how the scene was derived from its source.
-pub const PROVENANCE: &str = "sage_provenance";
 /// Key of the metadata of a converted scene whose sizes are assumed: what was assumed, as [`crate::repairs::Repair::NoSize`]
 /// notes it.
 pub(crate) const ASSUMED_SIZES: &str = "sage_assumed_sizes";

@@ -27,12 +27,9 @@ mod width;
 
 use std::collections::HashMap;
 
-use sage_core::scene::Scene;
+use sage_core::{scene::Note, scene::Scene};
 
-use crate::{
-    lane_links,
-    xml::{Xml, number_text},
-};
+use crate::xml::{Xml, number_text};
 use center_line::{COORDINATE, CenterLine, plane};
 use lanes::RoadLane;
 use links::Link;
@@ -66,8 +63,8 @@ impl RoadNetwork {
     /// `license` is the notice that the file carries, if it needs one. The result depends on nothing else.
     pub fn of(scene: &Scene, origin: [f64; 3], license: Option<&str>) -> Self {
         let map = &*scene.map;
-        let derived = scene.notes.iter().filter(|note| note.starts_with(lane_links::NOTE));
-        let mut notes: Vec<String> = derived.cloned().collect();
+        let derived = scene.notes.iter().filter(|note| matches!(note, Note::DerivedLinks(_)));
+        let mut notes: Vec<String> = derived.map(Note::to_string).collect();
         let (mut lanes, written) = lanes::collect(map, origin, &mut notes);
         let junctions = links::join(map, &mut lanes, &written, &mut notes);
         let (placed, signals) = place_signals(scene, origin, &lanes, &mut notes);

@@ -7,15 +7,14 @@ use std::{
 
 use sage_core::{
     files::{self, Existing},
+    scene::{Note, PROVENANCE},
     scene::{Scene, TrackKind},
 };
 
 use crate::{
     Error, Format, ReadOptions, foreign,
     gpudrive::{self, EncodedGpuDrive},
-    gzip, map_limits, metadrive,
-    metadrive::PROVENANCE,
-    native, parquet_files,
+    gzip, map_limits, metadrive, native, parquet_files,
     pickle::Document,
     repairs::{Decoded, Repair},
     womd::{self, EncodedScenario},
@@ -127,7 +126,9 @@ impl Recording {
         scene.notes.extend(made.notes);
         if scene.frames < NOW + 1 + HORIZON {
             let left = scene.frames - NOW - 1;
-            scene.notes.push(format!("with frame {now} as now, {left} of {HORIZON} frames follow"));
+            scene
+                .notes
+                .push(Note::Other(format!("with frame {now} as now, {left} of {HORIZON} frames follow")));
         }
         Self::checked(path, scene, Source::Argoverse2(made.document), &options)
     }
@@ -229,8 +230,10 @@ impl Recording {
     /// *Errors*: a native file whose source is damaged.
     pub fn provenance(&self) -> Result<Option<String>, Error> {
         let Some(document) = self.document()? else {
-            let note = self.scene.notes.iter().find_map(|note| note.strip_prefix(PROVENANCE));
-            return Ok(note.map(|text| text.trim_start_matches(": ").to_owned()));
+            return Ok(self.scene.notes.iter().find_map(|note| match note {
+                Note::Provenance(text) => Some(text.clone()),
+                _ => None,
+            }));
         };
         let metadata = document.get(document.root(), "metadata");
         let text = metadata.and_then(|metadata| document.get(metadata, PROVENANCE));

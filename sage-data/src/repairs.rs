@@ -27,78 +27,13 @@ use std::path::Path;
 
 use sage_core::{
     motion::{DT, HISTORY, NOW},
-    scene::{AdversaryOrigin, Levels, Scene, Track, TrackKind, is_copy_of_ego, select_adversary},
+    scene::{AdversaryOrigin, Levels, Note, Scene, Track, TrackKind, is_copy_of_ego, select_adversary},
 };
 
+pub use sage_core::scene::Repair;
+
 use crate::{Error, ReadOptions, Recording, metadrive::MAX_FRAMES};
-
 use clock::Clock;
-
-/// A kind of notes that change what is computed from a scene. A note of such a kind begins with its name and a colon, and
-/// `inspect` counts it as a warning.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Repair {
-    /// Times at another rate than 10 Hz, or in another unit.
-    FrameRate,
-    /// A track that cannot be used.
-    TrackLeftOut,
-    /// A traffic light that cannot be used.
-    LightLeftOut,
-    /// A road user without a size.
-    NoSize,
-    /// A second recording of the ego.
-    EgoCopy,
-    /// Velocities and headings of the positions, as asked for.
-    TrustPositions,
-    /// Values of the map that cannot be used.
-    MapValues,
-    /// A record without an id: the name that it is given decides its seeds.
-    NoId,
-    /// The road user that the file names as the adversary is passed over.
-    NamedAdversary,
-}
-
-impl Repair {
-    /// All kinds.
-    pub const ALL: [Self; 9] = [
-        Self::FrameRate,
-        Self::TrackLeftOut,
-        Self::LightLeftOut,
-        Self::NoSize,
-        Self::EgoCopy,
-        Self::TrustPositions,
-        Self::MapValues,
-        Self::NoId,
-        Self::NamedAdversary,
-    ];
-
-    /// Its name in notes and warnings.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::FrameRate => "frame-rate",
-            Self::TrackLeftOut => "track-left-out",
-            Self::LightLeftOut => "light-left-out",
-            Self::NoSize => "no-size",
-            Self::EgoCopy => "ego-copy",
-            Self::TrustPositions => "trust-positions",
-            Self::MapValues => "map-values",
-            Self::NoId => "no-id",
-            Self::NamedAdversary => "named-adversary",
-        }
-    }
-
-    /// The kind of a note, and what the note says.
-    pub fn of(note: &str) -> Option<(Self, &str)> {
-        Self::ALL
-            .into_iter()
-            .find_map(|kind| Some((kind, note.strip_prefix(kind.name())?.strip_prefix(": ")?)))
-    }
-
-    /// A note of this kind.
-    pub(crate) fn note(self, text: impl AsRef<str>) -> String {
-        format!("{}: {}", self.name(), text.as_ref())
-    }
-}
 
 /// What was mended or left out in a recording, with its file.
 pub fn notes_of(recording: &Recording) -> impl Iterator<Item = String> {
@@ -107,7 +42,7 @@ pub fn notes_of(recording: &Recording) -> impl Iterator<Item = String> {
         .scene
         .notes
         .iter()
-        .filter(|note| Repair::of(note).is_some())
+        .filter(|note| note.repair().is_some())
         .map(move |note| format!("`{file}`: {note}"))
 }
 
@@ -172,7 +107,7 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
                 Clock::Ten => format!("frame {NOW} is taken as now"),
                 Clock::Other { .. } => "now is 1.0 s after the first frame".to_owned(),
             };
-            scene.notes.push(format!("the file's current_time_index is {index}; {now}"));
+            scene.notes.push(Note::Other(format!("the file's current_time_index is {index}; {now}")));
         }
     }
     leave_out_copies(&mut scene, &mut named);

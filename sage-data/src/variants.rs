@@ -2,13 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use sage_core::scene::Scene;
+use sage_core::{
+    scene::Scene,
+    scene::{Note, PROVENANCE},
+};
 
 use crate::{
     Error, Format, Recording,
     gpudrive::{self, EncodedGpuDrive},
-    metadrive::{self, PROVENANCE},
-    native,
+    metadrive, native,
     pickle::Document,
     repairs::Decoded,
 };
@@ -145,7 +147,7 @@ impl Variant<'_> {
             return native::encode(self.scene, self.document.as_ref(), self.path);
         }
         let mut scene = self.scene.clone();
-        scene.notes.push(format!("{PROVENANCE}: {}", self.provenance));
+        scene.notes.push(Note::Provenance(self.provenance.to_owned()));
         native::encode(&scene, None, self.path)
     }
 }

@@ -90,7 +90,10 @@ fn motion_is_that_of_the_file_around_now() {
         let scene = read_as(&parquet(&rows, &Shape::default()), &map().to_string(), &options).unwrap().scene;
         let first = now.unwrap_or(20) - 10;
         assert_eq!(scene.frames, 91.min(110 - first));
-        assert_eq!(scene.notes.iter().any(|note| note.contains("of 80 frames follow")), now == Some(49));
+        assert_eq!(
+            scene.notes.iter().any(|note| note.to_string().contains("of 80 frames follow")),
+            now == Some(49)
+        );
         for (id, _, _, step, [x, y, heading, vx, vy]) in &rows {
             let track = scene.tracks.iter().find(|track| track.id == *id).unwrap();
             let Some(frame) = (*step as usize).checked_sub(first).filter(|frame| *frame < scene.frames)
@@ -129,7 +132,7 @@ fn who_is_who() {
     ] {
         assert_eq!((&track(id).kind, track(id).size[20]), (&kind, size), "{id}");
     }
-    assert_eq!(scene.notes.iter().filter(|note| note.starts_with("no-size")).count(), 1);
+    assert_eq!(scene.notes.iter().filter(|note| note.to_string().starts_with("no-size")).count(), 1);
     let focal = scene.clone().with_roles(None, Some("focal")).unwrap();
     assert_eq!(focal.adversary, scene.tracks.iter().position(|track| track.id == "5"));
     // Without a scored one, an unscored one that is there all the time; a fragment is none.
@@ -210,7 +213,10 @@ fn folders_names_and_other_formats() {
     assert!(error.unwrap_err().contains("without a vehicle `4`"));
     assert_eq!((again.ego().id.as_str(), again.frames), ("AV", 91));
     assert!(json.notes.keys().any(|note| note.contains("STATIC")));
-    assert!(again.notes.iter().any(|note| note.starts_with("no-size")), "what is assumed stays so");
+    assert!(
+        again.notes.iter().any(|note| note.to_string().starts_with("no-size")),
+        "what is assumed stays so"
+    );
 }
 
 #[test]

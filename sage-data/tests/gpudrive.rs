@@ -207,7 +207,11 @@ fn the_old_dialect_needs_an_ego_and_is_the_same_scene() {
         assert!(error.contains("old dialect") && error.contains("--ego-track"), "{error}");
         let options = |id: &str| ReadOptions { ego_track: Some(id.to_owned()), ..ReadOptions::default() };
         let found = read_as(old.as_bytes(), &options("0")).unwrap();
-        assert!(found.scene.notes.iter().any(|note| note.contains("old dialect")), "{:?}", found.scene.notes);
+        assert!(
+            found.scene.notes.iter().any(|note| note.to_string().contains("old dialect")),
+            "{:?}",
+            found.scene.notes
+        );
         for (k, track) in found.scene.tracks.iter().enumerate() {
             assert_eq!(track.id, k.to_string());
             assert_eq!(track.position, present.tracks[k].position);
@@ -252,7 +256,7 @@ fn the_unit_of_headings_is_told_by_the_values() {
     }
     let found = read(degrees.to_string().as_bytes()).unwrap().scene;
     assert!(headings(&found).iter().zip(headings(&scene)).all(|(a, b)| (a - b).abs() < 1e-12));
-    assert!(found.notes.iter().any(|note| note.contains("degrees")));
+    assert!(found.notes.iter().any(|note| note.to_string().contains("degrees")));
 }
 
 #[test]
@@ -266,7 +270,11 @@ fn ids_that_collide_and_lights_without_heights() {
     let taken = value["objects"][1]["id"].clone();
     value["objects"][taken.as_u64().map_or(2, |_| 2)].as_object_mut().unwrap().remove("id");
     let scene = read(value.to_string().as_bytes()).unwrap().scene;
-    assert!(scene.notes.iter().any(|note| note.contains("1 roads have the id")), "{:?}", scene.notes);
+    assert!(
+        scene.notes.iter().any(|note| note.to_string().contains("1 roads have the id")),
+        "{:?}",
+        scene.notes
+    );
     let light = scene.lights.iter().find(|light| light.lane == lane).unwrap();
     assert_eq!(light.stop_point.map(|p| p[2]), Some(0.0));
     value["tl_states"][&lane]["x"] = json!([1.0, 2.0, 3.0]);

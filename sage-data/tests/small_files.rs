@@ -9,9 +9,9 @@ use std::{
 };
 
 use insta::assert_snapshot;
-use sage_core::scene::Neighbor;
 use sage_core::{
     motion::NOW,
+    scene::Neighbor,
     scene::{AdversaryOrigin, LightState, MapKind, TrackKind},
 };
 use sage_data::{
@@ -343,7 +343,7 @@ fn lane_links_to_points_that_do_not_exist_are_left_out_or_refused() {
         );
         let scene = read(linked.to_pickle().unwrap()).unwrap().scene;
         assert!(
-            scene.notes.iter().any(|note| note.starts_with("1 lane links name points")),
+            scene.notes.iter().any(|note| note.to_string().starts_with("1 lane links name points")),
             "{:?}",
             scene.notes
         );

@@ -274,7 +274,7 @@ impl PyScene {
     /// What the reader corrected or noticed, a line each.
     #[getter]
     fn notes(&self) -> Vec<String> {
-        self.scene().notes.clone()
+        self.scene().notes.iter().map(ToString::to_string).collect()
     }
 
     /// The scene with another ego or adversary, by track ids.

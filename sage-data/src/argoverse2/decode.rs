@@ -5,7 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use sage_core::motion::{DT, MAX_COORDINATE};
+use sage_core::{
+    motion::{DT, MAX_COORDINATE},
+    scene::Note,
+};
 
 use super::{
     DATASET, edges,
@@ -38,7 +41,7 @@ const EGO: &str = "AV";
 /// What a scenario becomes.
 pub(crate) struct Made {
     pub(crate) document: Document,
-    pub(crate) notes: Vec<String>,
+    pub(crate) notes: Vec<Note>,
     /// Category of each road user, by id.
     pub(crate) categories: HashMap<String, i64>,
 }
@@ -221,7 +224,7 @@ fn map_features(
     map: &MapFile,
     path: &Path,
     values: &mut Values,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Note>,
 ) -> Result<Vec<(Id, Id)>, Error> {
     let sides = |lane: &LaneSegment| {
         let lines =
@@ -239,7 +242,7 @@ fn map_features(
     let lanes: Vec<Lane> = map.lane_segments.0.iter().map(Lane::new).collect();
     let derived = lanes.iter().filter(|lane| lane.is_derived()).count();
     if derived > 0 {
-        notes.push(format!("centre lines of {derived} lanes are derived from their boundaries"));
+        notes.push(Note::Other(format!("centre lines of {derived} lanes are derived from their boundaries")));
     }
     let areas: Vec<Vec<[f64; 2]>> = map
         .drivable_areas

@@ -2,7 +2,10 @@
 
 use std::{collections::HashSet, path::Path};
 
-use sage_core::motion::{DT, NOW};
+use sage_core::{
+    motion::{DT, NOW},
+    scene::{Note, PROVENANCE},
+};
 
 use super::{
     DATASET, Dialect, REST,
@@ -16,7 +19,6 @@ use super::{
 use crate::{
     Error, ReadOptions,
     json::explained,
-    metadrive::PROVENANCE,
     metadrive::{ASSUMED_SIZES, SceneValues, Values},
     pickle::{Document, Id},
     repairs::Repair,
@@ -35,7 +37,7 @@ pub(crate) fn document(
     path: &Path,
     bytes: &[u8],
     options: &ReadOptions,
-) -> Result<(Document, Vec<String>), Error> {
+) -> Result<(Document, Vec<Note>), Error> {
     let body = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let Of(file) =
         serde_json::from_slice::<Of<File>>(body).map_err(|error| explained::<Of<File>>(path, body, error))?;
@@ -83,11 +85,13 @@ pub(crate) fn document(
     let lights = values.entries(lights);
     let unit = if unit == Unit::Degrees { "degrees" } else { "radians" };
     match dialect {
-        Dialect::Old => notes.push(format!("the old dialect of GPUDrive: headings are read in {unit}")),
+        Dialect::Old => {
+            notes.push(Note::Other(format!("the old dialect of GPUDrive: headings are read in {unit}")))
+        }
         Dialect::Present if reader.unit == Unit::Degrees => {
-            notes.push(format!(
+            notes.push(Note::Other(format!(
                 "headings beyond a turn, which agree with the motion in degrees: they are read in {unit}"
-            ));
+            )));
         }
         Dialect::Present => {}
     }
@@ -245,7 +249,7 @@ impl Reader<'_> {
         roads: &[Of<Road>],
         own: &Own,
         values: &mut Values,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Note>,
     ) -> Result<Id, Error> {
         let originals = originals(&own.roads);
         let mut features = Vec::with_capacity(roads.len());
@@ -291,7 +295,9 @@ impl Reader<'_> {
             notes.push(Repair::MapValues.note(text));
         }
         if renamed > 0 {
-            notes.push(format!("{renamed} roads have the id of another road; they get one of their own"));
+            notes.push(Note::Other(format!(
+                "{renamed} roads have the id of another road; they get one of their own"
+            )));
         }
         Ok(values.entries(features))
     }
@@ -350,7 +356,7 @@ impl Reader<'_> {
         ego: usize,
         rest: &Rest,
         values: &mut Values,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Note>,
     ) -> Id {
         let step = self.rate.map_or(DT, |rate| 1.0 / rate);
         let times: Vec<f64> = (0..self.frames).map(|frame| frame as f64 * step).collect();
@@ -380,7 +386,9 @@ impl Reader<'_> {
             predictions.push((name, entry));
         }
         if beyond > 0 {
-            notes.push(format!("{beyond} of `tracks_to_predict` are no objects; they are left out"));
+            notes.push(Note::Other(format!(
+                "{beyond} of `tracks_to_predict` are no objects; they are left out"
+            )));
         }
         let predictions = values.entries(predictions);
         let dataset = match &own.dataset {

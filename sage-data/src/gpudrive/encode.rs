@@ -10,6 +10,7 @@ use std::{
 
 use sage_core::{
     geometry::wrap_angle,
+    scene::PROVENANCE,
     scene::{LightState, Scene, Track, TrackKind, TrafficLight},
 };
 use serde::Serialize;
@@ -19,7 +20,6 @@ use super::{ABSENT, OWN, REST, decode::REST_OF_METADATA, file::Own, lights::STAT
 use crate::{
     Error,
     metadrive::ASSUMED_SIZES,
-    metadrive::PROVENANCE,
     openscenario::License,
     pickle::{Document, Id, Node},
     womd::{Ids, Notes, note, unknown_edges},

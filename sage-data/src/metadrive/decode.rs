@@ -9,7 +9,7 @@ use std::{
 
 use sage_core::{
     motion::{HISTORY, MAX_COORDINATE},
-    scene::{AdversaryOrigin, Boundary, FOCAL_NOTE, Lane, Map, MapFeature, MapKind, Neighbor, Scene},
+    scene::{AdversaryOrigin, Boundary, Lane, Map, MapFeature, MapKind, Neighbor, Note, Repair, Scene},
 };
 
 use super::{
@@ -21,7 +21,7 @@ use super::{
 use crate::{
     Error, ReadOptions, lane_links, lane_polygon,
     pickle::{Document, Id, Node},
-    repairs::{self, Decoded, Draft, Repair},
+    repairs::{self, Decoded, Draft},
 };
 
 /// Maximum number of frames of a recording: over an hour at 10 Hz.
@@ -57,7 +57,7 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
     let named = named.as_ref().and_then(index);
     let now_index = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id));
     if let Some(id) = fields.optional(metadata, "focal_track_id").and_then(|id| document.text(id)) {
-        notes.extend((!id.is_empty()).then(|| format!("{FOCAL_NOTE}{id}")));
+        notes.extend((!id.is_empty()).then(|| Note::Focal(id.to_owned())));
     }
     if let Some(sizes) = fields.optional(metadata, ASSUMED_SIZES).and_then(|text| document.text(text)) {
         notes.push(Repair::NoSize.note(sizes));
@@ -146,7 +146,7 @@ const FASTEST_LIMIT: f64 = 300.0;
 const NEIGHBORS: [&str; 2] = ["left_neighbor", "right_neighbor"];
 const BOUNDARIES: [&str; 2] = ["left_boundaries", "right_boundaries"];
 
-fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> {
+fn map(fields: &Fields, top: Id, notes: &mut Vec<Note>) -> Result<Map, Error> {
     let root = Field::ROOT.key("map_features");
     let Some(id) = fields.optional(top, "map_features") else { return Ok(Map::default()) };
     let entries = fields.entries(id, &root)?;
@@ -190,7 +190,9 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
     if flat && deep {
         // A map with heights has three columns everywhere. The third column of nuScenes lanes is a heading.
         map.points.iter_mut().for_each(|p| p[2] = 0.0);
-        notes.push("map points have two or three columns; heights are taken as unknown".to_owned());
+        notes.push(Note::Other(
+            "map points have two or three columns; heights are taken as unknown".to_owned(),
+        ));
     }
     // Lanes refer to each other, so they are linked after all features are read.
     let index: HashMap<&str, usize> = map.features.iter().enumerate().map(|(k, f)| (&f.id[..], k)).collect();
@@ -224,7 +226,9 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         map.features[k].lane = lane;
     }
     if removed > 0 {
-        notes.push(format!("{removed} lane links name points that do not exist and are left out"));
+        notes.push(Note::Other(format!(
+            "{removed} lane links name points that do not exist and are left out"
+        )));
     }
     // Up to here features are in the order of the file, as the entries are.
     let mut map = map.in_order_of_ids();

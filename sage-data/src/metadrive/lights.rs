@@ -3,7 +3,10 @@
 //!
 //! A light with an unusable value is left out and noted; the file keeps it.
 
-use sage_core::scene::{LightState, TrafficLight};
+use sage_core::{
+    scene::Note,
+    scene::{LightState, TrafficLight},
+};
 
 use super::fields::{Field, Fields};
 use crate::{
@@ -35,7 +38,7 @@ pub(super) fn lights(
     top: Id,
     frames: usize,
     strict: bool,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Note>,
 ) -> Result<Vec<TrafficLight>, Error> {
     let Some(id) = fields.optional(top, "dynamic_map_states") else { return Ok(Vec::new()) };
     let field = Field::ROOT.key("dynamic_map_states");

@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use sage_core::{
     motion::{MAX_COORDINATE, check_path},
+    scene::Note,
     scene::{Track, TrackKind},
 };
 
@@ -47,14 +48,14 @@ pub(super) fn tracks(
     top: Id,
     frames: usize,
     whole: &Whole,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Note>,
 ) -> Result<Vec<Track>, Error> {
     let field = Field::ROOT.key("tracks");
     let id = fields.required(top, &Field::ROOT, "tracks", "a dict of tracks")?;
     let entries = fields.entries(id, &field)?;
     let mut known_ids = HashSet::with_capacity(entries.len());
     let mut tracks = Vec::with_capacity(entries.len());
-    let mut left_out: Vec<String> = Vec::new();
+    let mut left_out: Vec<Note> = Vec::new();
     let mut without_size: BTreeMap<String, usize> = BTreeMap::new();
     for (key, value) in entries {
         let name = fields.identifier(*key, &field)?;
@@ -65,9 +66,7 @@ pub(super) fn tracks(
         match track(fields, *value, &field, name.clone(), frames) {
             Ok((mut track, without)) => {
                 if swap_sizes(&mut track) {
-                    notes.push(format!(
-                        "track `{name}`: length and width were swapped in the file; swapped back"
-                    ));
+                    notes.push(Note::swapped_sizes(&name));
                 }
                 if let Some(kind) = without {
                     *without_size.entry(kind).or_default() += 1;
@@ -78,8 +77,8 @@ pub(super) fn tracks(
                 if !whole.holds(&name) && !fields.is_used_up() =>
             {
                 let at = found_at.strip_prefix(&format!("{field}/")).unwrap_or(&found_at).to_owned();
-                let text = format!("track `{name}` is left out: `{at}` is {found}; expected {expected}");
-                left_out.push(Repair::TrackLeftOut.note(text));
+                let why = format!("`{at}` is {found}; expected {expected}");
+                left_out.push(Note::track_left_out(&name, &why));
             }
             Err(error) => return Err(error),
         }

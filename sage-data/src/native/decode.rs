@@ -5,6 +5,7 @@ use std::{collections::HashSet, ops::Range, path::Path, sync::Arc};
 use safetensors::{Dtype, SafeTensors, tensor::Metadata};
 use sage_core::{
     motion::{HISTORY, MAX_COORDINATE, NOW, check_path},
+    scene::Note,
     scene::{
         AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track,
         TrackKind, TrafficLight,
@@ -202,7 +203,7 @@ pub(crate) fn decode(bytes: &[u8], options: &ReadOptions, path: &Path) -> Result
         ego: header.ego,
         adversary: header.adversary,
         adversary_origin: header.adversary_origin,
-        notes: header.notes,
+        notes: header.notes.into_iter().map(Note::of_text).collect(),
         held: Vec::new(),
     };
     finished(scene, options, path)

@@ -3,7 +3,10 @@
 use std::{collections::HashMap, path::Path};
 
 use safetensors::{Dtype, tensor::TensorView};
-use sage_core::scene::{Lane, Scene, Track};
+use sage_core::{
+    scene::Note,
+    scene::{Lane, Scene, Track},
+};
 
 use super::{
     Header, KEY, Link, VERSION,
@@ -60,7 +63,7 @@ fn header(scene: &Scene) -> Header {
         ego: scene.ego,
         adversary: scene.adversary,
         adversary_origin: scene.adversary_origin,
-        notes: scene.notes.clone(),
+        notes: scene.notes.iter().map(Note::to_string).collect(),
         tracks: scene.tracks.iter().map(|t| (t.id.clone(), t.kind.name().to_owned())).collect(),
         features: map
             .features

@@ -3,6 +3,7 @@
 use sage_core::{
     geometry::distance,
     motion::DT,
+    scene::Note,
     scene::{Held, Scene, Track},
 };
 
@@ -12,7 +13,6 @@ const STANDING: f64 = 0.5;
 /// Overlap of recorded boxes that says nothing, metres: labels of neighbours overlap.
 const TOUCHING: f64 = 0.2;
 /// How the note begins.
-pub(crate) const NOTE: &str = "held-in-gap: ";
 /// Names of road users in the note.
 const NAMED: usize = 5;
 
@@ -41,7 +41,7 @@ pub(super) fn hold(scene: &mut Scene) {
             "{words} held through gaps at whose ends they stand in the same place ({}{more})",
             held.join(", ")
         );
-        let note = format!("{NOTE}{text}");
+        let note = Note::HeldInGap(text);
         // A native file has it already.
         if !scene.notes.contains(&note) {
             scene.notes.push(note);

@@ -95,7 +95,7 @@ fn the_times_of_a_file_decide_its_rate() {
                 assert_eq!(kinds(&scene).contains(&"frame-rate"), is_odd, "{name}: {:?}", scene.notes);
                 if name.contains("microseconds") {
                     assert!(
-                        scene.notes.iter().any(|note| note.contains("microseconds")),
+                        scene.notes.iter().any(|note| note.to_string().contains("microseconds")),
                         "{:?}",
                         scene.notes
                     );

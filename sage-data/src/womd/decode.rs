@@ -11,7 +11,10 @@ mod points;
 mod tracks;
 mod width;
 
-use sage_core::motion::{HISTORY, MAX_COORDINATE};
+use sage_core::{
+    motion::{HISTORY, MAX_COORDINATE},
+    scene::PROVENANCE,
+};
 
 use super::{
     message_error::{MessageError, MessageProblem, Place},
@@ -19,7 +22,6 @@ use super::{
     words::{DIFFICULTIES, OBJECT_TYPES},
 };
 use crate::{
-    metadrive::PROVENANCE,
     metadrive::{MAX_FRAMES, SceneValues, Values},
     pickle::{Document, Id},
 };

@@ -11,6 +11,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use sage_core::{
     motion::{DT, NOW},
+    scene::PROVENANCE,
     scene::{LightState, Scene, Track},
 };
 use serde_json::{Value, json};
@@ -19,10 +20,7 @@ use super::{
     decode::{DATASET, FIELD_DATASET, FIELD_PROVENANCE},
     words::{OBJECT_TYPES, SIGNAL_STATES},
 };
-use crate::{
-    metadrive::PROVENANCE,
-    pickle::{Document, Id, Node},
-};
+use crate::pickle::{Document, Id, Node};
 pub(crate) use ids::Ids;
 pub(crate) use map::unknown_edges;
 use message::Writer;

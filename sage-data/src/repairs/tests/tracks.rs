@@ -29,7 +29,12 @@ fn one_bad_value_of_a_bystander_costs_the_track() {
             let scene = made("person").read().unwrap();
             assert_eq!(scene.tracks.len(), 2, "{column} {value}");
             assert!(kinds(&scene).contains(&"track-left-out"), "{column} {value}: {:?}", scene.notes);
-            assert!(scene.notes.iter().any(|note| note.contains("`person`") && note.contains(column)));
+            assert!(
+                scene
+                    .notes
+                    .iter()
+                    .any(|note| note.to_string().contains("`person`") && note.to_string().contains(column))
+            );
             // The file keeps it.
             let recording = made("person").recording(&ReadOptions::default());
             assert_eq!(recording.to_pickle().unwrap(), made("person").document.to_pickle());

@@ -245,7 +245,10 @@ fn nothing_is_lost_where_names_meet() {
         let path = entry.unwrap().path();
         if path.extension().is_some_and(|ending| ending == "safetensors") {
             let made = Recording::read(&path).unwrap();
-            assert!(made.scene.notes.iter().any(|note| note.contains("sage_provenance")), "{path:?}");
+            assert!(
+                made.scene.notes.iter().any(|note| note.to_string().contains("sage_provenance")),
+                "{path:?}"
+            );
             assert!(made.to_pickle().is_ok() && made.to_native().is_ok(), "{path:?}");
         }
     }

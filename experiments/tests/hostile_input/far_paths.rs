@@ -54,7 +54,7 @@ fn a_jump_of_a_bystander_costs_this_track_alone() {
     with_position(&scene, "leader", 40, [1e6, 0.0]);
     let recording = Recording::read(&scene).unwrap();
     assert!(recording.scene.tracks.iter().all(|track| track.id != "leader"));
-    assert_snapshot!(recording.scene.notes.join("\n"), @"track-left-out: track `leader` is left out: `state/position/40` is 999973 m from the position before; expected at most 100 m a frame");
+    assert_snapshot!(recording.scene.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"), @"track-left-out: track `leader` is left out: `state/position/40` is 999973 m from the position before; expected at most 100 m a frame");
 }
 
 #[test]

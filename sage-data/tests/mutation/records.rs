@@ -90,7 +90,7 @@ pub fn consume_message(message: &[u8]) -> Result<(), Error> {
         let notes = scene
             .notes
             .iter()
-            .filter(|note| !matches!(Repair::of(note), Some((Repair::NoId, _))))
+            .filter(|note| note.repair() != Some(Repair::NoId))
             .cloned()
             .collect();
         Scene { notes, ..scene.clone() }

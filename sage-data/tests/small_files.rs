@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
+use sage_core::scene::Note;
 use std::{
     path::{Path, PathBuf},
     process::Command,
@@ -306,11 +307,11 @@ fn no_native_file_starts_like_a_pickle() {
     };
     // 0x10280: the bytes 0x80 0x02 of a pickle. Headers grow by eight bytes.
     let forbidden = 0x1_0280;
-    recording.scene.notes.push(String::new());
+    recording.scene.notes.push(Note::Other(String::new()));
     let missing = (forbidden - header(&recording)) as usize;
     let lengths: Vec<u64> = (0..24)
         .map(|more| {
-            *recording.scene.notes.last_mut().unwrap() = "n".repeat(missing - 12 + more);
+            *recording.scene.notes.last_mut().unwrap() = Note::Other("n".repeat(missing - 12 + more));
             header(&recording)
         })
         .collect();

@@ -87,12 +87,7 @@ pub fn consume_message(message: &[u8]) -> Result<(), Error> {
     score(&recording.scene);
     // A record without an id gets one and a note; a pickle of it has an id and no such note.
     let named = |scene: &Scene| {
-        let notes = scene
-            .notes
-            .iter()
-            .filter(|note| note.repair() != Some(Repair::NoId))
-            .cloned()
-            .collect();
+        let notes = scene.notes.iter().filter(|note| note.repair() != Some(Repair::NoId)).cloned().collect();
         Scene { notes, ..scene.clone() }
     };
     let same = |path: &str, bytes: Vec<u8>| -> Result<(), Error> {

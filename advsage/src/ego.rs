@@ -14,7 +14,7 @@ use sage_sim::{
 };
 use serde_json::{Value, json};
 
-use crate::{Error, Registries, Result, part::PolicyPart, references};
+use crate::{Error, Registries, Result, driver_spec::DriverSpec, references};
 
 /// A driver under test.
 pub struct Ego {
@@ -47,8 +47,8 @@ impl Ego {
     /// Builds the policy.
     ///
     /// *Errors*: the name is not registered, or the policy refuses the options.
-    pub fn new(named: &PolicyPart, registries: &Registries) -> Result<Self> {
-        let PolicyPart(part) = named;
+    pub fn new(named: &DriverSpec, registries: &Registries) -> Result<Self> {
+        let part = &named.part();
         let is_command = registries.policies.get(&part.name).is_err() && part.name.contains([' ', '/']);
         let hint = || format!("to run a program as the driver, write --ego 'cmd:{}'", part.name);
         let policy = part.build(&registries.policies);
@@ -62,9 +62,9 @@ impl Ego {
             ));
         }
         let mut earlier = named.clone();
-        earlier.0.options.retain(|key, value| key != "red_lights" || *value != json!(false));
+        earlier.options.retain(|key, value| key != "red_lights" || *value != json!(false));
         let references = references::references(&references::default_names(), &part.name, registries)?;
-        let (label, stream) = (named.to_string(), earlier.to_string());
+        let (label, stream) = (named.to_string(), earlier.unnamed());
         Ok(Self {
             name: part.name.clone(),
             label,
@@ -97,7 +97,7 @@ impl Ego {
     /// Builds several policies.
     ///
     /// *Errors*: as [`Ego::new`]; one is given twice.
-    pub fn all(parts: &[PolicyPart], registries: &Registries) -> Result<Vec<Self>> {
+    pub fn all(parts: &[DriverSpec], registries: &Registries) -> Result<Vec<Self>> {
         let egos = parts.iter().map(|part| Self::new(part, registries)).collect::<Result<Vec<_>>>()?;
         match (1..egos.len()).find(|&k| egos[..k].iter().any(|ego| ego.label == egos[k].label)) {
             Some(twice) => Err(Error::Value(format!("the policy `{}` is given twice", egos[twice].label))),
@@ -110,8 +110,8 @@ impl Ego {
 /// or has beside it, is another run.
 ///
 /// *Errors*: a file cannot be read.
-pub fn identity(part: &PolicyPart) -> Result<Value> {
-    let mut all = vec![json!(part.to_string())];
+pub fn identity(part: &DriverSpec) -> Result<Value> {
+    let mut all = vec![json!(part.identified())];
     for file in part.files_and_beside() {
         let shown = file.display();
         let hash = if part.is_program() { file_hash(&file) } else { content_hash(&file) };

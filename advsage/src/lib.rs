@@ -50,6 +50,7 @@
 pub mod attacked_files;
 pub mod dial;
 pub mod driver_search;
+pub mod driver_spec;
 pub mod ego;
 mod error;
 pub mod generators;
@@ -70,6 +71,7 @@ pub mod searched_attacker;
 pub mod selection;
 pub mod weights;
 
+pub use driver_spec::DriverSpec;
 pub use ego::Ego;
 pub use error::{Error, Result, as_cause, is_contact_now};
 pub use generators::Against;
@@ -77,7 +79,7 @@ pub use learned_criticality::{LearnedCriticality, LearnedCriticalityOptions};
 pub use named_generator::{GeneratorSpec, NamedGenerator};
 pub use named_search::{NamedSearch, SearchSpec};
 pub use operating_point::OperatingPoints;
-pub use part::{Part, PolicyPart};
+pub use part::Part;
 pub use prepared::{DriverInScene, Prepared};
 pub use registries::Registries;
 

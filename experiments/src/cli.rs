@@ -20,7 +20,7 @@ mod training;
 
 use std::path::PathBuf;
 
-use advsage::{operating_point::number, part::PolicyParts};
+use advsage::{driver_spec::DriverSpecs, operating_point::number};
 use clap::{
     Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
@@ -353,7 +353,7 @@ pub(crate) struct SpeedArgs {
     /// Time only these policies: 1000 steps of each, as a median over the scenes, the start of each drive included. What a
     /// planner costs is the difference to `constant`.
     #[arg(long, value_name = "POLICIES")]
-    pub ego: Vec<PolicyParts>,
+    pub ego: Vec<DriverSpecs>,
     /// Number of repetitions of each measurement.
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..100_000))]
     pub repeat: u32,

@@ -3,9 +3,10 @@
 use std::{collections::BTreeMap, path::Path};
 
 use advsage::{
+    driver_spec::DriverSpec,
     ego::{self, Ego},
     generators::weight_hashes,
-    part::{Part, PolicyPart},
+    part::Part,
     search::{ONE_SHOT, POOL},
     selection::Selection,
 };
@@ -97,7 +98,7 @@ impl Plan {
         // A study without attacks selects nothing.
         let name = if study.selection.is_empty() { "natural" } else { &study.selection };
         let selection = Selection::of(&registries.parts, name, rule.as_ref())?;
-        let parts: Vec<PolicyPart> =
+        let parts: Vec<DriverSpec> =
             study.ego.iter().map(|text| text.parse().map_err(anyhow::Error::msg)).collect::<Result<_>>()?;
         let egos = Ego::all(&parts, &registries.parts)?;
         let measures_any = |subjects: &[Subject]| subjects.iter().any(|subject| study.measures(*subject));

@@ -5,7 +5,7 @@ mod search;
 
 use std::collections::BTreeMap;
 
-use advsage::part::PolicyPart;
+use advsage::driver_spec::DriverSpec;
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_sim::{avoidable::AvoidanceOptions, search::SearchOptions};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -174,7 +174,7 @@ impl Study {
     /// Refuses drivers that are programs: a study may come from anywhere, and what it names would be run.
     fn refuse_programs(&self) -> Result<()> {
         for text in &self.ego {
-            let is_program = text.parse::<PolicyPart>().is_ok_and(|part| part.is_program());
+            let is_program = text.parse::<DriverSpec>().is_ok_and(|part| part.is_program());
             ensure!(
                 !is_program,
                 "`ego` names the program `{text}`; a file names no program, so give it as --ego on the command line"

@@ -3,10 +3,10 @@
 use std::{fmt::Display, path::PathBuf, str::FromStr};
 
 use advsage::{
+    driver_spec::Timeouts,
     latest_start,
     named_generator::GeneratorSpec,
     operating_point::{OperatingPoints, mix, number, sweep},
-    part::Timeouts,
 };
 use pyo3::{prelude::*, types::PyDict};
 use sage_data::ReadOptions;

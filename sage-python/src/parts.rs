@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use advsage::{Registries, ego::Ego, part::PolicyPart, references, weights::SHIPPED};
+use advsage::{Registries, driver_spec::DriverSpec, ego::Ego, references, weights::SHIPPED};
 use anyhow::Result;
 use pyo3::{
     prelude::*,
@@ -126,7 +126,7 @@ impl Driver {
     }
 
     fn named(name: &str) -> Result<Self> {
-        let part: PolicyPart = name.parse().map_err(advsage::Error::Value)?;
+        let part: DriverSpec = name.parse().map_err(advsage::Error::Value)?;
         let Ego { label, policy, references, .. } = Ego::new(&part, registries()?)?;
         Ok(Self { label, policy: policy.into(), planner: None, references: references.into() })
     }

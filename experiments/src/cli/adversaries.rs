@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use advsage::part::PolicyPart;
+use advsage::driver_spec::DriverSpec;
 use clap::{Args, Subcommand};
 
 use super::{
@@ -87,7 +87,7 @@ pub(crate) struct TrainGooseArgs {
     pub scenes: TrainingScenesArgs,
     /// Driver that it attacks, by its name in `sage list`.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY", default_value = "idm-release")]
-    pub ego: PolicyPart,
+    pub ego: DriverSpec,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Options of training as JSON (docs/method.md, section 'GOOSE'), such as '{"decisions": 24000, "networks": {"unscaled": true}}'.

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use advsage::{
     attacked_files::AttackFormats,
+    driver_spec::DriverSpec,
     latest_start,
     named_generator::GeneratorSpec,
     operating_point::{self, OperatingPoints},
-    part::{Part, PolicyPart},
+    part::Part,
 };
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
@@ -62,7 +63,7 @@ pub(crate) struct GenerateArgs {
     /// planner (JSON, [x, y, heading] for each frame); or your own planner: 'cmd:COMMAND', a program, or py:MODULE:CLASS, a
     /// class of Python. The attack is planned against this drive, which also replaces the ego's recording in the written scenes.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY", default_value = "replay")]
-    pub ego: PolicyPart,
+    pub ego: DriverSpec,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Choose the most adversarial candidate whose latest evasive manoeuvre begins this many seconds before the contact (within

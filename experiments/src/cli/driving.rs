@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use advsage::part::{Part, PolicyParts};
+use advsage::{driver_spec::DriverSpecs, part::Part};
 use clap::Args;
 use sage_data::dataset::Shard;
 
@@ -44,7 +44,7 @@ pub(crate) struct SimulateArgs {
     /// planner; or your own planner: py:MODULE:CLASS, a class of Python (which needs the package advsage), or 'cmd:COMMAND', a
     /// program, which takes the rest of the text. May be repeated.
     #[arg(long, help_heading = DRIVER, value_name = "POLICIES", default_value = "idm")]
-    pub ego: Vec<PolicyParts>,
+    pub ego: Vec<DriverSpecs>,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// First drive up to ten scenes three times with each planner that is a program, in another order and in another

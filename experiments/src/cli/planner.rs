@@ -1,6 +1,6 @@
 //! Arguments of drivers that are programs.
 
-use advsage::part::{PolicyPart, Timeouts};
+use advsage::driver_spec::{DriverSpec, Timeouts};
 use clap::Args;
 
 use super::help::DRIVER;
@@ -17,7 +17,7 @@ pub(crate) struct PlannerArgs {
 
 impl PlannerArgs {
     /// A policy with the times that are given.
-    pub(crate) fn applied(&self, part: &PolicyPart) -> PolicyPart {
+    pub(crate) fn applied(&self, part: &DriverSpec) -> DriverSpec {
         match self.ego_timeout {
             Some(Timeouts(times)) => part.clone().with_timeouts(times),
             None => part.clone(),

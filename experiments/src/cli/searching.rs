@@ -2,11 +2,7 @@
 
 use std::path::PathBuf;
 
-use advsage::{
-    attacked_files::AttackFormats,
-    part::{Part, PolicyPart},
-    references,
-};
+use advsage::{attacked_files::AttackFormats, driver_spec::DriverSpec, part::Part, references};
 use clap::{
     Args, ValueEnum,
     builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
@@ -57,7 +53,7 @@ pub(crate) struct SearchArgs {
     /// Driver under test: a policy by its name in `sage list`; path:FILE, a drive of your own planner; or your own
     /// planner: 'cmd:COMMAND', a program, or py:MODULE:CLASS, a class of Python.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY")]
-    pub ego: PolicyPart,
+    pub ego: DriverSpec,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Largest number of attacked drives in a scene.

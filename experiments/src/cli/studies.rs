@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use advsage::part::PolicyParts;
+use advsage::driver_spec::DriverSpecs;
 use clap::Args;
 use sage_data::dataset::Shard;
 
@@ -78,7 +78,7 @@ pub(crate) struct AxisArgs {
     /// py:MODULE:CLASS or 'cmd:COMMAND' your own planner, a class of Python or a program, which takes the rest of the text. May
     /// be repeated.
     #[arg(long, help_heading = DRIVER, alias = "policies", value_name = "POLICIES")]
-    pub ego: Vec<PolicyParts>,
+    pub ego: Vec<DriverSpecs>,
     /// Drive the unchanged scenes alone.
     #[arg(long, conflicts_with_all = ["method", "lambda", "mu", "aggression", "mix"])]
     pub unattacked: bool,
@@ -157,7 +157,7 @@ impl AxisArgs {
 
     /// The drivers that are given, in place of those of a study.
     pub(crate) fn drivers(&self) -> Option<Vec<String>> {
-        let all = self.ego.iter().flat_map(|PolicyParts(parts)| parts);
+        let all = self.ego.iter().flat_map(|DriverSpecs(parts)| parts);
         (!self.ego.is_empty()).then(|| all.map(|part| self.planner.applied(part).spelled()).collect())
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use advsage::{attacked_files::AttackFormats, part::PolicyPart};
+use advsage::{attacked_files::AttackFormats, driver_spec::DriverSpec};
 use clap::{Args, ValueEnum};
 use sage_sim::search::suite::MOST_TESTS;
 
@@ -56,7 +56,7 @@ pub(crate) struct SuiteArgs {
     pub upgrade: Option<PathBuf>,
     /// The driver of --upgrade.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY", requires = "upgrade")]
-    pub ego: Option<PolicyPart>,
+    pub ego: Option<DriverSpec>,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Failures of each scene that are kept (default: worst; with --diverse all).
@@ -103,7 +103,7 @@ pub(crate) struct TestArgs {
     /// Driver under test: a policy by its name in `sage list`; path:FILE, a drive of your own planner; or your own
     /// planner: 'cmd:COMMAND', a program, or py:MODULE:CLASS, a class of Python.
     #[arg(long, help_heading = DRIVER, value_name = "POLICY")]
-    pub ego: PolicyPart,
+    pub ego: DriverSpec,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Any contact fails the test, whosever fault it is.

@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
-use advsage::part::{Part, PolicyPart, split};
+use advsage::{
+    driver_spec::DriverSpec,
+    part::{Part, split},
+};
 use clap::Args;
 use sage_core::registry::{Entry, Registry};
 use sage_sim::environment::{DrivingReward, RewardSum, reward::Published};
@@ -91,7 +94,7 @@ pub(crate) struct TrainEgoArgs {
     /// PPO: scripted policy whose actions are imitated first, by its name in `sage list`, or none (default: none; recipe
     /// driver: expert).
     #[arg(long, help_heading = TRAINING, value_name = "NAME")]
-    pub teacher: Option<PolicyPart>,
+    pub teacher: Option<DriverSpec>,
     /// Arrival and leaving the road do not end an episode; the route goes on along the lanes (default: false; recipe driver:
     /// true).
     #[arg(long, help_heading = TRAINING, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]

@@ -4,8 +4,8 @@ use std::io::Write;
 
 use advsage::{
     Registries,
+    driver_spec::{DriverSpec, DriverSpecs},
     ego::Ego,
-    part::{PolicyPart, PolicyParts},
 };
 use anyhow::Result;
 use sage_run::{Outcome, terminal};
@@ -49,7 +49,7 @@ pub(crate) fn run(args: &SpeedArgs, registries: &Registries) -> Result<Outcome> 
     if args.ego.is_empty() {
         speed::run(&data, args.repeat, report)?;
     } else {
-        let parts: Vec<PolicyPart> = args.ego.iter().flat_map(|PolicyParts(parts)| parts.clone()).collect();
+        let parts: Vec<DriverSpec> = args.ego.iter().flat_map(|DriverSpecs(parts)| parts.clone()).collect();
         let egos = Ego::all(&parts, registries)?;
         speed::drivers(&data, &egos, report)?;
     }

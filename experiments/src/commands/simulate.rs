@@ -12,9 +12,9 @@ use std::path::PathBuf;
 use advsage::{
     Registries,
     attacked_files::LONGEST_FILE_NAME,
+    driver_spec::{DriverSpec, DriverSpecs},
     ego::{self, Ego},
     named_generator::NamedGenerator,
-    part::{PolicyPart, PolicyParts},
 };
 use anyhow::{Result, bail};
 use sage_run::{
@@ -135,8 +135,8 @@ impl<'a> Simulation<'a> {
 }
 
 /// The drivers that are named, in their order.
-fn drivers(args: &SimulateArgs) -> Vec<PolicyPart> {
-    let all = args.ego.iter().flat_map(|PolicyParts(parts)| parts);
+fn drivers(args: &SimulateArgs) -> Vec<DriverSpec> {
+    let all = args.ego.iter().flat_map(|DriverSpecs(parts)| parts);
     all.map(|part| args.planner.applied(part)).collect()
 }
 
@@ -161,7 +161,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
     }
     if args.check_planner && part != Part::Join {
         let mut planners = drivers(args);
-        planners.retain(PolicyPart::is_program);
+        planners.retain(DriverSpec::is_program);
         check_planner::check(args, &planners, registries, inputs)?;
     }
     let outputs = |input: &Input| -> Vec<String> {
@@ -178,7 +178,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
     written.extend([index::FILE, RECORD, MANIFEST].map(PathBuf::from));
     let mut read = scenes.files.clone();
     read.extend(args.attack.clone());
-    read.extend(drivers(args).iter().flat_map(PolicyPart::files));
+    read.extend(drivers(args).iter().flat_map(DriverSpec::files));
     output::protect_inputs(std::slice::from_ref(&args.scene), &read, &args.folder.out, &written)?;
     let out = &args.folder.out;
     let outdated = || {

@@ -82,8 +82,8 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         Chosen::of(args, &registries.parts.driving_rewards)?;
     args.curriculum.build(&registries.parts.curricula)?;
     args.sampler.build(&registries.parts.scene_samplers)?;
-    let taught_by = teacher.as_ref().map(|teacher| teacher.0.to_string());
-    let teacher = teacher.map(|teacher| teacher.0.build(&registries.parts.policies)).transpose()?;
+    let taught_by = teacher.as_ref().map(|teacher| teacher.part().to_string());
+    let teacher = teacher.map(|teacher| teacher.part().build(&registries.parts.policies)).transpose()?;
     if teacher.as_ref().is_some_and(|teacher| teacher.is_recording()) {
         bail!(
             "--teacher: a recording shows no steering and throttle to imitate; name a policy that drives, such as expert"

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use advsage::{attacked_files::AttackFormats, named_generator::GeneratorSpec, part::PolicyPart};
+use advsage::{attacked_files::AttackFormats, driver_spec::DriverSpec, named_generator::GeneratorSpec};
 use sage_data::{
     ReadOptions,
     openscenario::{EgoMode, Standard},
@@ -19,7 +19,7 @@ pub struct GenerateOptions {
     /// Track of the adversary, in place of that of the scene.
     pub adversary: Option<String>,
     /// Drives the ego before the attack.
-    pub ego: PolicyPart,
+    pub ego: DriverSpec,
     /// Seconds that a driver that is a program has for its first message, that of a drive, and that of a step.
     pub ego_timeout: Option<[f64; 3]>,
     /// Seconds before the contact at which the latest evasive manoeuvre of the chosen candidate should begin.

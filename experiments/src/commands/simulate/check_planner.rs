@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use advsage::{Registries, ego::Ego, part::PolicyPart};
+use advsage::{Registries, driver_spec::DriverSpec, ego::Ego};
 use anyhow::{Result, ensure};
 use sage_core::scene::SceneIndex;
 use sage_data::Recording;
@@ -26,7 +26,7 @@ const SCENES: usize = 10;
 /// *Errors*: they are not; no planner is named, or one fails.
 pub(super) fn check(
     args: &SimulateArgs,
-    planners: &[PolicyPart],
+    planners: &[DriverSpec],
     registries: &Registries,
     inputs: &[Input],
 ) -> Result<()> {

@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeSet, path::Path, sync::Arc};
 
-use advsage::{Registries, ego::Ego, part::PolicyPart, references};
+use advsage::{Registries, driver_spec::DriverSpec, ego::Ego, references};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{
@@ -34,7 +34,7 @@ type Driven = Result<SuiteTest, String>;
 pub(super) fn run(
     args: &SuiteArgs,
     from: &Path,
-    ego: &PolicyPart,
+    ego: &DriverSpec,
     registries: &Registries,
 ) -> Result<Outcome> {
     let mut suite = test::read_as_written(from)?;

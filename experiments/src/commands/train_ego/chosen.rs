@@ -1,6 +1,6 @@
 //! What a training does: the options of the command, and where they say nothing those of its recipe.
 
-use advsage::part::PolicyPart;
+use advsage::driver_spec::DriverSpec;
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_bench::study::in_one_line;
 use sage_core::{files, registry::Registry};
@@ -79,7 +79,7 @@ pub(super) struct Chosen {
     /// Share of the episodes in procedural scenes beside others.
     pub(super) procedural_share: Option<f64>,
     /// Policy whose actions are imitated first.
-    pub(super) teacher: Option<PolicyPart>,
+    pub(super) teacher: Option<DriverSpec>,
 }
 
 impl Chosen {
@@ -130,20 +130,20 @@ impl Chosen {
 }
 
 /// The policy whose actions are imitated first, if there is one.
-fn teacher(args: &TrainEgoArgs, of_recipe: Option<&str>) -> Result<Option<PolicyPart>> {
+fn teacher(args: &TrainEgoArgs, of_recipe: Option<&str>) -> Result<Option<DriverSpec>> {
     let teacher = match (&args.teacher, of_recipe) {
         (Some(teacher), _) => teacher.clone(),
         (None, Some(name)) => name.parse().map_err(|problem| anyhow!("the recipe: {problem}"))?,
         (None, None) => return Ok(None),
     };
-    if teacher.0.name == NONE {
+    if teacher.part().name == NONE {
         return Ok(None);
     }
     // Their files would decide what is learnt, and under which licence.
     if teacher.is_program() || teacher.is_of_file() {
         bail!(
             "--teacher: `{}` is not a scripted policy of `sage list`; name one that is, such as expert",
-            teacher.0.name
+            teacher.part().name
         );
     }
     Ok(Some(teacher))

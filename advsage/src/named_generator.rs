@@ -5,42 +5,64 @@ use sage_core::{
     objective::{Context, FurtherMeasures},
 };
 use sage_generators::Facts;
+use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use crate::{
     Error, Registries, Result, dial,
     generators::{Against, BuiltGenerator, Generators, weight_hashes},
-    operating_point::{OperatingPointSpec, OperatingPoints},
-    part::Part,
+    operating_point::{OperatingPointSpec, OperatingPoints, Values},
+    part::{Part, PartOptions},
     rows::GeneratedBy,
     search::SAGE,
     selection::Selection,
     weights::NamedExperts,
 };
 
-/// What a user says of a generator.
-#[derive(Clone, Debug)]
+/// What a user says of a generator: the options of a command, the keywords of Python, and what a program sets. The texts describe the
+/// options of a command.
+#[derive(Clone, Debug, Deserialize)]
+#[cfg_attr(feature = "clap", derive(clap::Args), command(next_help_heading = "Attack"))]
+#[serde(default)]
 pub struct GeneratorSpec {
-    /// The generator with its options.
-    pub method: Part,
-    /// Objective that selects one of the candidates: name of a preset, or a JSON file.
-    pub selection: String,
-    /// Feasibility rule in place of the selection's.
-    pub feasibility: Option<Part>,
-    /// Merger of the experts.
-    pub merger: Part,
-    /// Weights by name; `None` for [`crate::weights::DEFAULT`].
-    pub weights: Option<String>,
-    /// Operating points; none for λ = 1.
+    /// The generator; `None` for `sage`, and in a search for the default pool.
+    #[cfg_attr(feature = "clap", arg(skip))]
+    pub method: Option<Part>,
+    /// Options of the generator as JSON, such as '{"candidates": 64}'; `sage list` shows them. The same as
+    /// --method 'sage{"candidates": 64}'.
+    #[cfg_attr(feature = "clap", arg(long, value_name = "JSON"))]
+    pub options: Option<PartOptions>,
+    /// Operating points; none for λ = 1, and in a search for the default ones.
+    #[cfg_attr(feature = "clap", command(flatten))]
+    #[serde(flatten)]
     pub points: OperatingPoints,
-    /// Seed of candidates that are drawn.
+    /// Merger of the experts, by its name in `sage list`; with options as NAME{"option": value}.
+    #[cfg_attr(feature = "clap", arg(long, value_name = "NAME", default_value = "linear"))]
+    pub merger: Part,
+    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
+    #[cfg_attr(
+        feature = "clap",
+        arg(long, help_heading = "Selection", value_name = "NAME", default_value = "natural")
+    )]
+    pub selection: String,
+    /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder (default: procedural).
+    #[cfg_attr(feature = "clap", arg(long, value_name = "NAME"))]
+    pub weights: Option<String>,
+    /// Seed of random numbers.
+    #[cfg_attr(feature = "clap", arg(long, help_heading = "Run", value_name = "S", default_value_t = 0))]
     pub seed: u64,
+    /// Feasibility rule, by its name in `sage list`, instead of the rule of the selection; with options as
+    /// NAME{"option": value}.
+    #[cfg_attr(feature = "clap", arg(long, help_heading = "Selection", value_name = "NAME"))]
+    pub feasibility: Option<Part>,
 }
 
 /// A generator at its operating points.
 pub struct NamedGenerator {
     /// What the user said of it.
     pub spec: GeneratorSpec,
+    /// The generator with its options.
+    pub method: Part,
     /// The objective that selects.
     pub selection: Selection,
     /// Measures that rows hold besides the scores of the paper.
@@ -61,6 +83,7 @@ pub struct NamedGenerator {
 pub struct CheckedGenerator<'r> {
     registries: &'r Registries,
     spec: GeneratorSpec,
+    method: Part,
     selection: Selection,
     generators: Generators<'r>,
     facts: Facts,
@@ -75,7 +98,8 @@ impl Default for GeneratorSpec {
     /// `sage` at λ = 1 with the default weights.
     fn default() -> Self {
         Self {
-            method: Part::named(SAGE),
+            method: None,
+            options: None,
             selection: "natural".to_owned(),
             feasibility: None,
             merger: Part::named("linear"),
@@ -91,7 +115,16 @@ impl GeneratorSpec {
     ///
     /// *Errors*: a text that is no name.
     pub fn named(name: &str) -> Result<Self> {
-        Ok(Self { method: name.parse().map_err(Error::Value)?, ..Self::default() })
+        Ok(Self { method: Some(name.parse().map_err(Error::Value)?), ..Self::default() })
+    }
+
+    /// The generator with all its options.
+    pub fn part(&self) -> Part {
+        let mut part = self.method.clone().unwrap_or_else(|| Part::named(SAGE));
+        if let Some(PartOptions(options)) = &self.options {
+            part.options.extend(options.clone());
+        }
+        part
     }
 
     /// The same at a λ, 0 realistic and 1 adversarial, and at a weight μ of the selection; λ if `None`.
@@ -111,25 +144,37 @@ impl GeneratorSpec {
     ///
     /// *Errors*: an option is out of range, names an unknown part, or is given twice.
     pub fn checked(mut self, registries: &Registries) -> Result<CheckedGenerator<'_>> {
+        self.points.check().map_err(Error::Value)?;
+        let method = self.part();
         let selection = Selection::of(registries, &self.selection, self.feasibility.as_ref())?;
         let generators = Generators::new(registries, &self.merger, &selection, self.seed)?;
-        let facts = generators.facts(&self.method)?;
+        let facts = generators.facts(&method)?;
         let unused = self.unused(&facts);
         let is_paper = self.feasibility.as_ref().is_none_or(|rule| *rule == Part::paper());
-        let is_fitted = self.method.name == "sage" && is_paper;
-        let uses_dial = !self.points.aggression.is_empty() && facts.uses_operating_point();
+        let is_fitted = method.name == SAGE && is_paper;
+        let uses_dial = self.points.aggression.is_some() && facts.uses_operating_point();
         let note = (uses_dial && !is_fitted).then_some(
             "the dial was fitted for `sage` under the paper's feasibility rule; here the attack rate may not rise linearly",
         );
         if self.points.is_empty() {
-            self.points.lambda.push(1.0);
+            self.points.lambda = Some(Values(vec![1.0]));
         }
         let variants = self.points.variants(generators.merger().range())?;
-        let variants = if facts.uses_operating_point() { variants } else { vec![self.method.name.clone()] };
+        let variants = if facts.uses_operating_point() { variants } else { vec![method.name.clone()] };
         if let Some(twice) = (1..variants.len()).find(|k| variants[..*k].contains(&variants[*k])) {
             return Err(Error::Value(format!("the operating point `{}` is given twice", variants[twice])));
         }
-        Ok(CheckedGenerator { registries, spec: self, selection, generators, facts, variants, unused, note })
+        Ok(CheckedGenerator {
+            registries,
+            spec: self,
+            method,
+            selection,
+            generators,
+            facts,
+            variants,
+            unused,
+            note,
+        })
     }
 
     /// Fields that are given and that a generator does not depend on.
@@ -137,9 +182,9 @@ impl GeneratorSpec {
         let points = &self.points;
         let follows_mixture = facts.depends_on_lambda || facts.depends_on_mu;
         let given = [
-            ("lambda", !points.lambda.is_empty() && !follows_mixture),
+            ("lambda", points.lambda.is_some() && !follows_mixture),
             ("mix", !points.mix.is_empty() && !follows_mixture),
-            ("aggression", !points.aggression.is_empty() && !follows_mixture),
+            ("aggression", points.aggression.is_some() && !follows_mixture),
             ("mu", points.mu.is_some() && !facts.depends_on_mu),
             ("merger", self.merger.name != "linear" && !facts.depends_on_lambda),
             ("selection", self.selection != "natural" && !facts.depends_on_mu),
@@ -154,7 +199,7 @@ impl CheckedGenerator<'_> {
     ///
     /// *Errors*: weights cannot be used, or have no dial.
     pub fn build(mut self, loaded: impl FnOnce(&NamedExperts)) -> Result<NamedGenerator> {
-        let Self { registries, spec, selection, facts, variants, .. } = self;
+        let Self { registries, spec, method, selection, facts, variants, .. } = self;
         let objective = Some(selection.objective.spec());
         let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, objective)?;
         let range = self.generators.merger().range();
@@ -174,8 +219,8 @@ impl CheckedGenerator<'_> {
         } else {
             vec![OperatingPointSpec::at(1.0, None, range)?]
         };
-        let built = self.generators.build(&spec.method, &points)?;
-        Ok(NamedGenerator { spec, selection, further, variants, weights, built, points, notes })
+        let built = self.generators.build(&method, &points)?;
+        Ok(NamedGenerator { spec, method, selection, further, variants, weights, built, points, notes })
     }
 }
 
@@ -203,14 +248,14 @@ impl NamedGenerator {
             let mut hashes = weight_hashes(experts)?;
             hashes.extend(self.built.files.clone());
             weights.insert(name.clone(), hashes.into());
-            if !self.spec.points.aggression.is_empty() && self.built.facts.uses_operating_point() {
+            if self.spec.points.aggression.is_some() && self.built.facts.uses_operating_point() {
                 let dial = dial::find(name, experts, &self.selection).ok();
                 dials.insert(name.clone(), json!(dial.map(|dial| dial.mu)));
             }
         }
         let contents = self.selection.objective.contents();
         let mut identity = json!({
-            "method": self.spec.method.to_string(), "weights": weights, "dials": dials,
+            "method": self.method.to_string(), "weights": weights, "dials": dials,
             "selection": self.selection.objective.spec(), "variants": self.variants, "seed": self.spec.seed,
             "merger": self.spec.merger.to_string(),
         });
@@ -225,7 +270,7 @@ impl NamedGenerator {
     pub fn generated_by(&self, point: &OperatingPointSpec) -> GeneratedBy {
         GeneratedBy {
             selection: Some(self.selection.objective.spec().clone()),
-            ..GeneratedBy::at(&self.spec.method, &self.spec.merger, Some(point))
+            ..GeneratedBy::at(&self.method, &self.spec.merger, Some(point))
         }
     }
 }

@@ -4,10 +4,10 @@ use sage_generators::Facts;
 use sage_sim::search::{MOST_PLANS, Pool, SearchOptions, SearchResult};
 
 use crate::{
-    Registries, Result, dial,
+    Error, Registries, Result, dial,
     generators::Generators,
     named_generator::GeneratorSpec,
-    operating_point::{OperatingPointSpec, OperatingPoints},
+    operating_point::OperatingPointSpec,
     part::Part,
     prepared::DriverInScene,
     search::{self, POOL, PlanSources},
@@ -15,25 +15,14 @@ use crate::{
     weights::NamedExperts,
 };
 
-/// What a user says of the plans of a search.
+/// What a user says of the plans of a search: those of a generator, or of the default pool if it names none.
 #[derive(Clone, Debug)]
 pub struct SearchSpec {
-    /// The generator that proposes plans; `None` for the default pool.
-    pub method: Option<Part>,
-    /// The selection of a generator that plans against the ego.
-    pub selection: String,
-    /// What feasible means; `drivable` if `None`.
-    pub feasibility: Option<Part>,
-    /// Merger of the experts.
-    pub merger: Part,
-    /// Weights by name; `None` for [`crate::weights::DEFAULT`].
-    pub weights: Option<String>,
-    /// Operating points; none for the default ones.
-    pub points: OperatingPoints,
+    /// The generator. Its rule says what feasible means (`drivable` if it names none), its selection that of a generator that plans against
+    /// the ego.
+    pub generator: GeneratorSpec,
     /// Largest number of plans.
     pub plans: usize,
-    /// Seed of plans that are drawn.
-    pub seed: u64,
 }
 
 /// What searches scenes, apart from the driver.
@@ -57,9 +46,7 @@ pub struct NamedSearch {
 impl Default for SearchSpec {
     /// The pool that `sage search` proposes.
     fn default() -> Self {
-        let GeneratorSpec { selection, feasibility, merger, weights, points, seed, .. } =
-            GeneratorSpec::default();
-        Self { method: None, selection, feasibility, merger, weights, points, plans: MOST_PLANS, seed }
+        Self { generator: GeneratorSpec::default(), plans: MOST_PLANS }
     }
 }
 
@@ -79,15 +66,22 @@ impl SearchSpec {
         registries: &Registries,
         loaded: impl FnOnce(&NamedExperts),
     ) -> Result<NamedSearch> {
-        let rule = search::rule(registries, self.feasibility.as_ref())?;
-        let of_rule = Generators::new(registries, &self.merger, &rule, self.seed)?;
-        let method = self.method.map(|method| Ok::<_, crate::Error>((of_rule.facts(&method)?, method)));
+        let Self { generator: spec, plans } = self;
+        spec.points.check().map_err(Error::Value)?;
+        let has_options = spec.options.as_ref().is_some_and(|options| !options.0.is_empty());
+        if spec.method.is_none() && has_options {
+            return Err(Error::Value("options need a generator; name it, such as sage".to_owned()));
+        }
+        let rule = search::rule(registries, spec.feasibility.as_ref())?;
+        let of_rule = Generators::new(registries, &spec.merger, &rule, spec.seed)?;
+        let method = spec.method.as_ref().map(|_| spec.part());
+        let method = method.map(|method| Ok::<_, crate::Error>((of_rule.facts(&method)?, method)));
         let method = method.transpose()?.map(|(facts, method)| (method, facts));
-        let selection = Selection::of(registries, &self.selection, self.feasibility.as_ref())?;
+        let selection = Selection::of(registries, &spec.selection, spec.feasibility.as_ref())?;
         // Of a generator that plans against the ego the selection is the plan; of the others every candidate is one.
         let facts = method.as_ref().map(|(_, facts)| facts);
         let mut generators = if facts.is_some_and(|facts| facts.plans_against_ego) {
-            Generators::new(registries, &self.merger, &selection, self.seed)?
+            Generators::new(registries, &spec.merger, &selection, spec.seed)?
         } else {
             of_rule
         };
@@ -95,19 +89,19 @@ impl SearchSpec {
         if facts.is_none_or(|facts| facts.needs_experts) {
             let needs_experts = facts.is_none_or(|facts| facts.depends_on_lambda);
             let named =
-                NamedExperts::load_for(&registries.backbones, self.weights.as_deref(), needs_experts)?;
+                NamedExperts::load_for(&registries.backbones, spec.weights.as_deref(), needs_experts)?;
             loaded(&named);
             generators = generators.with_experts(&named.experts);
             weights = Some(named);
         }
         let mut notes = Vec::new();
         let range = generators.merger().range();
-        let points = self
+        let points = spec
             .points
-            .specs(range, || dial::of_weights(weights.as_ref(), &selection, &self.merger, &mut notes))?;
+            .specs(range, || dial::of_weights(weights.as_ref(), &selection, &spec.merger, &mut notes))?;
         let plans = match &method {
-            Some((method, _)) => PlanSources::of_generator(&generators, method, &points, self.plans)?,
-            None => PlanSources::pool(&generators, &points, self.plans)?,
+            Some((method, _)) => PlanSources::of_generator(&generators, method, &points, plans)?,
+            None => PlanSources::pool(&generators, &points, plans)?,
         };
         Ok(NamedSearch { rule, method, selection, weights, points, plans, notes })
     }

@@ -1,9 +1,11 @@
 //! Operating points on the command line, and the keys of result rows.
 
+use std::str::FromStr;
+
 use sage_core::generator::{Mixture, OperatingPoint};
 use sage_generators::Aggression;
 use sage_merging::{ADVERSARIAL, ExpertSet, Range};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
 use crate::{Error, part::Part};
@@ -130,28 +132,108 @@ impl OperatingPointSpec {
     }
 }
 
-/// Operating points as a command or a study lists them.
-#[derive(Clone, Debug, Default)]
+/// Operating points as a command, a study or a program lists them. The texts describe the options of a command.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "clap", derive(clap::Args), command(next_help_heading = "Attack"))]
+#[serde(default)]
 pub struct OperatingPoints {
-    /// Aggressions.
-    pub aggression: Vec<f64>,
-    /// Weights of named experts.
-    pub mix: Vec<Vec<(String, f64)>>,
-    /// Values of λ.
-    pub lambda: Vec<f64>,
-    /// μ at every λ and every mixture, if given.
+    /// Interpolation weight lambda: 0 is the realistic expert, 1 the adversarial one. A number, a
+    /// comma-separated list, or FROM:TO:STEP.
+    #[cfg_attr(feature = "clap", arg(long, value_name = "L", allow_hyphen_values = true))]
+    pub lambda: Option<Values>,
+    /// Weight mu of the selection, 0 (realism) to 1 (attack); default: lambda.
+    #[cfg_attr(
+        feature = "clap",
+        arg(long, value_name = "M", value_parser = number, allow_hyphen_values = true)
+    )]
     pub mu: Option<f64>,
+    /// Aggression, 0 to 1: sets lambda and mu such that the attack rate rises linearly. Same form as
+    /// --lambda.
+    #[cfg_attr(feature = "clap", arg(long, value_name = "A", allow_hyphen_values = true))]
+    pub aggression: Option<Values>,
+    /// Weights of the experts by name: realistic=0.5,adversarial=0.3,lawful=0.2. Mu defaults to the weight of
+    /// the adversarial expert.
+    #[cfg_attr(feature = "clap", arg(long, value_name = "NAME=W,..."))]
+    pub mix: Vec<Mix>,
+}
+
+/// One or more values of λ or aggression: as text `1`, `0,0.5,1` or `0:1:0.1`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Values(pub Vec<f64>);
+
+impl FromStr for Values {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        sweep(text).map(Self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Values {
+    /// A number, a list of numbers, or text.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Numbers {
+            List(Vec<f64>),
+            One(f64),
+            Text(String),
+        }
+        match Numbers::deserialize(deserializer)? {
+            Numbers::List(list) => Ok(Self(list)),
+            Numbers::One(number) => Ok(Self(vec![number])),
+            Numbers::Text(text) => text.parse().map_err(serde::de::Error::custom),
+        }
+    }
+}
+
+/// Weights of experts by name, in the order in which they are given: as text `NAME=WEIGHT,...`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Mix(pub Vec<(String, f64)>);
+
+impl FromStr for Mix {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        mix(text).map(Self)
+    }
+}
+
+/// Refuses axes that exclude each other: one of them may be given.
+///
+/// *Errors*: two are.
+pub fn check_exclusive(axes: &[(&str, bool)]) -> Result<(), String> {
+    if axes.iter().filter(|(_, is_given)| *is_given).count() > 1 {
+        let names: Vec<&str> = axes.iter().map(|(name, _)| *name).collect();
+        let (last, others) = names.split_last().map_or(("", &[][..]), |(last, others)| (*last, others));
+        return Err(format!("{} and {last} exclude each other; give one of them", others.join(", ")));
+    }
+    Ok(())
 }
 
 impl OperatingPoints {
+    /// Refuses points that exclude each other.
+    ///
+    /// *Errors*: more than one of λ, aggression and mix; aggression with μ, which it sets.
+    pub fn check(&self) -> Result<(), String> {
+        let Self { lambda, mu, aggression, mix } = self;
+        let axes =
+            [("lambda", lambda.is_some()), ("aggression", aggression.is_some()), ("mix", !mix.is_empty())];
+        check_exclusive(&axes)?;
+        if aggression.is_some() && mu.is_some() {
+            return Err("aggression sets mu; leave mu out, or give lambda and mu".to_owned());
+        }
+        Ok(())
+    }
+
     /// The points at some values of λ.
     pub fn of_lambda(lambda: impl Into<Vec<f64>>) -> Self {
-        Self { lambda: lambda.into(), ..Self::default() }
+        Self { lambda: Some(Values(lambda.into())), ..Self::default() }
     }
 
     /// True if there are none.
     pub fn is_empty(&self) -> bool {
-        self.aggression.is_empty() && self.mix.is_empty() && self.lambda.is_empty()
+        self.aggression.is_none() && self.mix.is_empty() && self.lambda.is_none()
     }
 
     /// All of them: aggressions first, then mixtures, then λ. The dial is asked for only if there are aggressions.
@@ -163,21 +245,17 @@ impl OperatingPoints {
         dial: impl FnOnce() -> Result<Aggression, E>,
     ) -> Result<Vec<OperatingPointSpec>, E> {
         let mut specs = Vec::new();
-        if !self.aggression.is_empty() {
+        if let Some(Values(aggressions)) = &self.aggression {
             let dial = dial()?;
-            specs.extend(
-                self.aggression
-                    .iter()
-                    .map(|aggression| OperatingPointSpec::of(&dial, *aggression))
-                    .collect::<crate::Result<Vec<_>>>()?,
-            );
+            let points = aggressions.iter().map(|aggression| OperatingPointSpec::of(&dial, *aggression));
+            specs.extend(points.collect::<crate::Result<Vec<_>>>()?);
         }
-        for mix in &self.mix {
+        for Mix(mix) in &self.mix {
             let weights = mix.iter().map(|(_, weight)| *weight).collect();
             range.check_weights(mix.len(), &Mixture::new(weights)).map_err(Error::from)?;
             specs.push(OperatingPointSpec::mixed(mix, self.mu)?);
         }
-        for lambda in &self.lambda {
+        for lambda in self.lambda.iter().flat_map(|Values(values)| values) {
             specs.push(OperatingPointSpec::at(*lambda, self.mu, range)?);
         }
         Ok(specs)

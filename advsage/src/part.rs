@@ -3,6 +3,7 @@
 use std::{fmt, str::FromStr};
 
 use sage_core::{objective::PartSpec, registry::Registry};
+use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Value};
 
 /// How a driver that is a program begins; it takes the rest of a list.
@@ -38,6 +39,31 @@ impl Part {
     /// The part as an objective specifies it.
     pub fn spec(&self) -> PartSpec {
         PartSpec { name: self.name.clone(), options: self.options.clone() }
+    }
+}
+
+impl<'de> Deserialize<'de> for Part {
+    /// From its text.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+/// Options of a part: JSON, as an object or as its text.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PartOptions(pub Map<String, Value>);
+
+impl FromStr for PartOptions {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        serde_json::from_str(text).map(Self).map_err(|error| format!("it is not a JSON object: {error}"))
+    }
+}
+
+impl<'de> Deserialize<'de> for PartOptions {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Map::deserialize(deserializer).map(Self)
     }
 }
 

@@ -20,10 +20,11 @@ mod training;
 
 use std::path::PathBuf;
 
-use advsage::{driver_spec::DriverSpecs, operating_point::number};
+use advsage::driver_spec::DriverSpecs;
 use clap::{
     Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
+    error::ErrorKind,
 };
 use sage_core::objective::Convention;
 use sage_data::{Format, procedural::Kind};
@@ -34,7 +35,7 @@ use self::{
 };
 
 pub(crate) use adversaries::{TrainAdversaryCommand, TrainGooseArgs, TrainSealArgs, TrainingScenesArgs};
-pub(crate) use attacking::{AttackArgs, CalibrateArgs, ExplainArgs, GenerateArgs, Values};
+pub(crate) use attacking::{AttackArgs, CalibrateArgs, ExplainArgs, GenerateArgs};
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::ConvertArgs;
 pub(crate) use driving::SimulateArgs;
@@ -375,6 +376,11 @@ pub(crate) struct FolderArgs {
 }
 
 impl Cli {
+    /// A usage error of options that exclude each other.
+    pub(crate) fn conflict(problem: &str) -> clap::Error {
+        Self::command().error(ErrorKind::ArgumentConflict, problem)
+    }
+
     /// The command line with its help texts.
     pub(crate) fn described() -> clap::Command {
         help::arranged(Self::command())

@@ -350,6 +350,13 @@ fn circles_are_found() {
 fn arguments_are_of_the_command_alone() {
     for (name, _) in MAY_USE.iter().filter(|(name, _)| *name != "experiments") {
         let manifest = fs::read_to_string(workspace().join(name).join("Cargo.toml")).unwrap();
-        assert!(!manifest.lines().any(|line| line.starts_with("clap")), "{name} depends on clap");
+        // `advsage` derives the options of generators for the command, which alone turns that on.
+        let is_wrong = |line: &str| match name {
+            &"advsage" => {
+                line.starts_with("clap") && !line.contains("optional") && !line.contains("dep:clap")
+            }
+            _ => line.starts_with("clap") || line.contains("\"clap\""),
+        };
+        assert!(!manifest.lines().any(is_wrong), "{name} depends on clap");
     }
 }

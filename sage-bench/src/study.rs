@@ -5,7 +5,10 @@ mod search;
 
 use std::collections::BTreeMap;
 
-use advsage::driver_spec::DriverSpec;
+use advsage::{
+    driver_spec::DriverSpec,
+    operating_point::{Values, check_exclusive},
+};
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_sim::{avoidable::AvoidanceOptions, search::SearchOptions};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -234,11 +237,12 @@ impl Study {
         if let Some(other) = self.metrics.keys().find(|subject| !self.measure.contains(subject)) {
             bail!("`metrics` lists some for `{other}`, which `measure` does not name");
         }
-        let axes = [!self.aggression.is_empty(), !self.mix.is_empty(), self.triangle.is_some()];
-        ensure!(
-            axes.iter().filter(|is_given| **is_given).count() <= 1,
-            "`aggression`, `mix` and `triangle` exclude each other"
-        );
+        let axes = [
+            ("`aggression`", !self.aggression.is_empty()),
+            ("`mix`", !self.mix.is_empty()),
+            ("`triangle`", self.triangle.is_some()),
+        ];
+        check_exclusive(&axes).map_err(anyhow::Error::msg)?;
         if let Some(TriangleAxis { steps, experts }) = &self.triangle {
             ensure!((1..=50).contains(steps), "`triangle` has {steps} steps; expected 1 to 50");
             let [a, b, c] = experts;
@@ -299,18 +303,7 @@ enum ListOrText {
 
 /// A number, a list of numbers, `0,0.5,1`, or `FROM:TO:STEP`.
 fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
-    #[derive(Deserialize)]
-    #[serde(untagged)]
-    enum Numbers {
-        List(Vec<f64>),
-        One(f64),
-        Text(String),
-    }
-    match Numbers::deserialize(deserializer)? {
-        Numbers::List(list) => Ok(list),
-        Numbers::One(number) => Ok(vec![number]),
-        Numbers::Text(text) => advsage::operating_point::sweep(&text).map_err(serde::de::Error::custom),
-    }
+    Ok(Values::deserialize(deserializer)?.0)
 }
 
 #[cfg(test)]

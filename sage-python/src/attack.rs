@@ -73,13 +73,16 @@ impl PyAttack {
 
     /// How the attack was generated, as the metadata of its scene say.
     fn provenance(&self) -> Value {
-        let (spec, point) = (&self.built.named.spec, &self.built.named.points[0]);
-        json!({
-            "by": concat!("advsage ", env!("CARGO_PKG_VERSION")), "method": spec.method.name, "options": spec.method.options,
-            "lambda": point.lambda, "mu": point.mu, "aggression": point.aggression, "merger": spec.merger.to_string(),
-            "selection": self.built.named.selection.objective.spec(), "seed": self.seed,
-            "weights": self.built.named.weights.as_ref().map(|weights| &weights.name),
-        })
+        let named = &self.built.named;
+        let mut fields = named.generated_by(&named.points[0]).to_map();
+        for (key, value) in [
+            ("by", json!(concat!("advsage ", env!("CARGO_PKG_VERSION")))),
+            ("seed", json!(self.seed)),
+            ("weights", json!(named.weights_name())),
+        ] {
+            fields.insert(key.to_owned(), value);
+        }
+        Value::Object(fields)
     }
 }
 

@@ -2,14 +2,14 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use advsage::{
-    named_generator::GeneratorSpec, operating_point::OperatingPoints, part::Part, weights::SHIPPED,
-};
+use advsage::{named_generator::GeneratorSpec, part::Part, weights::SHIPPED};
 use anyhow::Result;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyType},
 };
+
+use serde_json::{Map, Value, json};
 
 use crate::{
     attack::{self, PyAttack},
@@ -90,30 +90,19 @@ impl PyGenerator {
             Ok(path) if !SHIPPED.contains(&&*name) => path.display().to_string(),
             _ => name,
         });
-        let keywords = PyDict::new(py);
-        for (key, text) in [("method", method), ("selection", selection), ("merger", merger)] {
-            keywords.set_item(key, text)?;
-        }
-        for (key, text) in [("weights", weights.as_deref()), ("feasibility", feasibility)] {
-            text.map(|text| keywords.set_item(key, text)).transpose()?;
-        }
-        for (key, number) in [("lambda_", lambda_), ("aggression", aggression), ("mu", mu)] {
-            number.map(|number| keywords.set_item(key, number)).transpose()?;
-        }
-        for (key, dict) in [("mix", &mix), ("options", &options)] {
-            dict.as_ref().map(|dict| keywords.set_item(key, dict.copy()?)).transpose()?;
-        }
-        let mut method = part(method)?;
-        method.options.extend(values::options("options", options.as_ref())?);
-        let spec = GeneratorSpec {
-            method,
-            selection: selection.to_owned(),
-            feasibility: feasibility.map(part).transpose()?,
-            merger: part(merger)?,
-            weights,
-            points: points(lambda_, aggression, mix.as_ref(), mu, Some(1.0))?,
-            seed: 0,
-        };
+        let keywords = keywords(
+            py,
+            [
+                ("method", Some(method)),
+                ("selection", Some(selection)),
+                ("merger", Some(merger)),
+                ("weights", weights.as_deref()),
+                ("feasibility", feasibility),
+            ],
+            [("lambda_", lambda_), ("aggression", aggression), ("mu", mu)],
+            [("mix", &mix), ("options", &options)],
+        )?;
+        let spec = spec(&keywords)?;
         let built = detached(py, || Built::new(spec))?;
         Ok(Self { keywords: keywords.unbind(), built: Arc::new(built), other_seed: Mutex::new(None) })
     }
@@ -212,32 +201,49 @@ pub(crate) fn part(text: &str) -> PyResult<Part> {
     text.parse().map_err(OptionError::new_err)
 }
 
-/// Operating points of keywords; λ is `default` if none is given.
+/// The keywords of a generator that are given.
 ///
-/// *Errors*: keywords that exclude each other, or weights of experts that are no numbers.
-pub(crate) fn points(
-    lambda: Option<f64>,
-    aggression: Option<f64>,
-    mix: Option<&Bound<'_, PyDict>>,
-    mu: Option<f64>,
-    default: Option<f64>,
-) -> PyResult<OperatingPoints> {
-    let given = [lambda.is_some(), aggression.is_some(), mix.is_some()];
-    if given.into_iter().filter(|is| *is).count() > 1 {
-        return Err(OptionError::new_err("lambda_, aggression and mix exclude each other; give one of them"));
+/// *Errors*: none but those of Python.
+pub(crate) fn keywords<'py>(
+    py: Python<'py>,
+    texts: [(&str, Option<&str>); 5],
+    numbers: [(&str, Option<f64>); 3],
+    dicts: [(&str, &Option<Bound<'py, PyDict>>); 2],
+) -> PyResult<Bound<'py, PyDict>> {
+    let keywords = PyDict::new(py);
+    for (key, text) in texts {
+        text.map(|text| keywords.set_item(key, text)).transpose()?;
     }
-    if aggression.is_some() && mu.is_some() {
-        return Err(OptionError::new_err("aggression sets mu; leave mu out, or give lambda_ and mu"));
+    for (key, number) in numbers {
+        number.map(|number| keywords.set_item(key, number)).transpose()?;
     }
-    // In the order in which they are given, which decides the name of the point.
-    let mix = mix.map(|mix| mix.items().extract::<Vec<(String, f64)>>());
-    let mix =
-        mix.transpose().map_err(|_| OptionError::new_err("mix is no dictionary of names and weights"))?;
-    let lambda = lambda.or(default.filter(|_| aggression.is_none() && mix.is_none()));
-    Ok(OperatingPoints {
-        aggression: aggression.into_iter().collect(),
-        mix: mix.into_iter().collect(),
-        lambda: lambda.into_iter().collect(),
-        mu,
-    })
+    for (key, dict) in dicts {
+        dict.as_ref().map(|dict| keywords.set_item(key, dict.copy()?)).transpose()?;
+    }
+    Ok(keywords)
+}
+
+/// What keywords say of a generator: those of `Generator`.
+///
+/// *Errors*: a wrong value; keywords that exclude each other.
+pub(crate) fn spec(keywords: &Bound<'_, PyDict>) -> PyResult<GeneratorSpec> {
+    let mut fields = Map::new();
+    for (key, value) in keywords {
+        let key: String = key.extract()?;
+        let value = match &*key {
+            // In the order in which they are given, which decides the name of the point.
+            "mix" => {
+                let pairs = value.cast::<PyDict>().map(|mix| mix.items().extract::<Vec<(String, f64)>>());
+                let pairs = pairs.ok().and_then(Result::ok);
+                let wrong = || OptionError::new_err("mix is no dictionary of names and weights");
+                json!([pairs.ok_or_else(wrong)?])
+            }
+            _ => values::to_json(&key, &value, 0)?,
+        };
+        fields.insert(key.trim_end_matches('_').to_owned(), value);
+    }
+    let spec: GeneratorSpec = serde_json::from_value(Value::Object(fields))
+        .map_err(|error| OptionError::new_err(error.to_string()))?;
+    spec.points.check().map_err(OptionError::new_err)?;
+    Ok(spec)
 }

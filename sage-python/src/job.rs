@@ -6,7 +6,7 @@ use advsage::{
     driver_spec::Timeouts,
     latest_start,
     named_generator::GeneratorSpec,
-    operating_point::{OperatingPoints, mix, number, sweep},
+    operating_point::{OperatingPoints, number},
 };
 use pyo3::{prelude::*, types::PyDict};
 use sage_data::ReadOptions;
@@ -16,7 +16,6 @@ use sage_run::{
     output::{self, Part},
     progress, signals, threads,
 };
-use serde_json::{Map, Value};
 
 use crate::{errors::detached, loading::checked_rate, parts::registries};
 
@@ -51,29 +50,26 @@ impl Words<'_, '_> {
     }
 
     fn options(&self) -> Result<GenerateOptions, String> {
-        let mut method: advsage::part::Part = self.required("method")?;
-        let object = |text: &str| {
-            serde_json::from_str::<Map<String, Value>>(text)
-                .map_err(|error| format!("no JSON object: {error}"))
+        let points = OperatingPoints {
+            lambda: self.parsed("lambda")?,
+            mu: self.read("mu", number)?,
+            aggression: self.parsed("aggression")?,
+            mix: self.parsed("mix")?.into_iter().collect(),
         };
-        method.options.extend(self.read("options", object)?.unwrap_or_default());
+        points.check()?;
         let rate =
             self.read("rate", |text| checked_rate(Some(number(text)?)).map_err(|error| error.to_string()))?;
         Ok(GenerateOptions {
             scene: self.required("scene")?,
             generator: GeneratorSpec {
-                method,
-                selection: self.required("selection")?,
-                feasibility: self.parsed("feasibility")?,
+                method: self.parsed("method")?,
+                options: self.parsed("options")?,
+                points,
                 merger: self.required("merger")?,
+                selection: self.required("selection")?,
                 weights: self.text("weights")?,
-                points: OperatingPoints {
-                    aggression: self.read("aggression", sweep)?.unwrap_or_default(),
-                    mix: self.read("mix", mix)?.into_iter().collect(),
-                    lambda: self.read("lambda", sweep)?.unwrap_or_default(),
-                    mu: self.read("mu", number)?,
-                },
                 seed: self.required("seed")?,
+                feasibility: self.parsed("feasibility")?,
             },
             adversary: self.text("adversary")?,
             ego: self.required("ego")?,

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use advsage::{
+    GeneratorSpec,
     named_search::{NamedSearch, SearchSpec},
     prepared::DriverInScene,
 };
@@ -23,7 +24,7 @@ use serde_json::Value;
 use crate::{
     ahead::{Ahead, Turn, threads},
     errors::{OptionError, UnknownName, detached, to_python},
-    generator::{part, points},
+    generator::{keywords, spec},
     items::{Item, iterator, next_ahead, object},
     parts::{Driver, registries},
     results::search_rows,
@@ -174,25 +175,19 @@ pub(crate) fn search_each(
             "budget is {budget} and plans {plans}; expected at least 1 of each"
         )));
     }
-    let options = values::options("options", options.as_ref())?;
-    let mut method = method.map(part).transpose()?;
-    match &mut method {
-        Some(method) => method.options.extend(options),
-        None if !options.is_empty() => {
-            return Err(OptionError::new_err("options needs a generator; name it, such as method='sage'"));
-        }
-        None => {}
-    }
-    let spec = SearchSpec {
-        method,
-        selection: selection.to_owned(),
-        feasibility: feasibility.map(part).transpose()?,
-        merger: part(merger)?,
-        weights,
-        points: points(lambda_, aggression, mix.as_ref(), mu, None)?,
-        plans,
-        seed,
-    };
+    let keywords = keywords(
+        py,
+        [
+            ("method", method),
+            ("selection", Some(selection)),
+            ("merger", Some(merger)),
+            ("weights", weights.as_deref()),
+            ("feasibility", feasibility),
+        ],
+        [("lambda_", lambda_), ("aggression", aggression), ("mu", mu)],
+        [("mix", &mix), ("options", &options)],
+    )?;
+    let spec = SearchSpec { generator: GeneratorSpec { seed, ..spec(&keywords)? }, plans };
     let threads = self::threads(threads)?;
     let scenes = iterator(scenes)?;
     let options = SearchOptions { budget, require, first, order, ..SearchOptions::default() };

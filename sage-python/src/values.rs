@@ -50,17 +50,6 @@ pub(crate) fn from_json<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'
     })
 }
 
-/// Options that a user gives as a dictionary.
-///
-/// *Errors*: a value that JSON has no word for.
-pub(crate) fn options(what: &str, dict: Option<&Bound<'_, PyDict>>) -> PyResult<Map<String, Value>> {
-    let Some(dict) = dict else { return Ok(Map::new()) };
-    match to_json(what, dict.as_any(), 0)? {
-        Value::Object(fields) => Ok(fields),
-        _ => Ok(Map::new()),
-    }
-}
-
 /// Levels of lists and dictionaries in options at most.
 const DEEPEST: usize = 32;
 

@@ -48,7 +48,7 @@ pub fn load_dial(name: &str, experts: &ExpertSet, selection: &Selection, merger:
 ///
 /// *Errors*: an option is out of range or names an unknown part; weights cannot be used, or have no dial.
 pub fn build_generator(spec: GeneratorSpec, registries: &Registries) -> Result<NamedGenerator> {
-    let method = spec.method.to_string();
+    let method = spec.part().to_string();
     let checked = spec.checked(registries)?;
     if !checked.unused.is_empty() {
         let options: Vec<String> = checked.unused.iter().map(|field| format!("--{field}")).collect();

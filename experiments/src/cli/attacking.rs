@@ -3,14 +3,10 @@
 use std::path::PathBuf;
 
 use advsage::{
-    attacked_files::AttackFormats,
-    driver_spec::DriverSpec,
-    latest_start,
-    named_generator::GeneratorSpec,
-    operating_point::{self, OperatingPoints},
+    attacked_files::AttackFormats, driver_spec::DriverSpec, latest_start, named_generator::GeneratorSpec,
     part::Part,
 };
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
 use sage_data::{
     dataset::Shard,
@@ -18,14 +14,12 @@ use sage_data::{
 };
 use sage_generators::Rate;
 use sage_run::generate::GenerateOptions;
-use serde_json::{Map, Value};
 
 use super::{
-    FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
+    Cli, FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
     avoiding::AvoidableArgs,
     formats::{attack_formats, ego_modes, standards},
     help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION},
-    number,
     reading::ReadingArgs,
 };
 
@@ -145,63 +139,35 @@ pub(crate) struct ExplainArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = ATTACK)]
 pub(crate) struct AttackArgs {
-    /// Options of the generator as JSON, such as '{"candidates": 64}'; `sage list` shows them. The same as
-    /// --method 'sage{"candidates": 64}'.
-    #[arg(long, value_name = "JSON")]
-    pub options: Option<String>,
     #[command(flatten)]
-    pub points: OperatingPointArgs,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, help_heading = SELECTION, value_name = "NAME", default_value = "natural")]
-    pub selection: String,
+    pub generator: GeneratorSpec,
     /// Use this track as the adversary; `focal` is the one that a scenario of Argoverse 2 was recorded for.
     #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
-    /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder (default: procedural).
-    #[arg(long, value_name = "NAME")]
-    pub weights: Option<String>,
-    /// Seed of random numbers.
-    #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
 }
 
 impl AttackArgs {
-    /// A generator with these arguments.
+    /// What a generator is asked for; `None` for the one that the command takes by default.
     ///
-    /// *Errors*: `--options` is not a JSON object.
-    pub(crate) fn spec(&self, method: &Part) -> Result<GeneratorSpec> {
-        let mut method = method.clone();
-        if let Some(options) = &self.options {
-            let options: Map<String, Value> =
-                serde_json::from_str(options).context("--options is not a JSON object")?;
-            method.options.extend(options);
-        }
-        Ok(GeneratorSpec {
-            method,
-            selection: self.selection.clone(),
-            feasibility: self.rule.feasibility.clone(),
-            merger: self.points.merging.merger.clone(),
-            weights: self.weights.clone(),
-            points: self.points.listed(),
-            seed: self.seed,
-        })
+    /// *Errors*: points that exclude each other.
+    pub(crate) fn spec(&self, method: Option<&Part>) -> Result<GeneratorSpec> {
+        self.generator.points.check().map_err(|problem| Cli::conflict(&problem))?;
+        Ok(GeneratorSpec { method: method.cloned(), ..self.generator.clone() })
     }
 
     /// The first option that is given and makes an attack what it is.
     pub(crate) fn first_given(&self) -> Option<&'static str> {
-        let points = &self.points;
+        let GeneratorSpec { points, options, weights, feasibility, selection, merger, .. } = &self.generator;
         let given = [
             ("--lambda", points.lambda.is_some()),
             ("--mu", points.mu.is_some()),
             ("--aggression", points.aggression.is_some()),
-            ("--mix", points.mix.is_some()),
-            ("--options", self.options.is_some()),
-            ("--weights", self.weights.is_some()),
-            ("--feasibility", self.rule.feasibility.is_some()),
-            ("--selection", self.selection != "natural"),
-            ("--merger", points.merging.merger.name != "linear"),
+            ("--mix", !points.mix.is_empty()),
+            ("--options", options.is_some()),
+            ("--weights", weights.is_some()),
+            ("--feasibility", feasibility.is_some()),
+            ("--selection", selection != "natural"),
+            ("--merger", merger.name != "linear"),
         ];
         given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name)
     }
@@ -210,11 +176,11 @@ impl AttackArgs {
 impl GenerateArgs {
     /// The options of the run.
     ///
-    /// *Errors*: `--options` is not a JSON object.
+    /// *Errors*: operating points that exclude each other.
     pub(crate) fn options(&self) -> Result<GenerateOptions> {
         Ok(GenerateOptions {
             scene: self.scene.clone(),
-            generator: self.attack.spec(&self.method)?,
+            generator: self.attack.spec(Some(&self.method))?,
             adversary: self.attack.adversary.clone(),
             ego: self.ego.clone(),
             ego_timeout: self.planner.ego_timeout.map(|times| times.0),
@@ -296,29 +262,6 @@ impl From<RateArg> for Rate {
     }
 }
 
-/// Operating points of a command.
-#[derive(Clone, Debug, Args)]
-#[command(next_help_heading = ATTACK)]
-pub(crate) struct OperatingPointArgs {
-    /// Interpolation weight lambda: 0 is the realistic expert, 1 the adversarial one. A number, a
-    /// comma-separated list, or FROM:TO:STEP.
-    #[arg(long, value_name = "L", value_parser = values, allow_hyphen_values = true)]
-    pub lambda: Option<Values>,
-    /// Weight mu of the selection, 0 (realism) to 1 (attack); default: lambda.
-    #[arg(long, value_name = "M", value_parser = number, allow_hyphen_values = true)]
-    pub mu: Option<f64>,
-    /// Aggression, 0 to 1: sets lambda and mu such that the attack rate rises linearly. Same form as
-    /// --lambda.
-    #[arg(long, value_name = "A", value_parser = values, allow_hyphen_values = true, conflicts_with_all = ["lambda", "mu"])]
-    pub aggression: Option<Values>,
-    /// Weights of the experts by name: realistic=0.5,adversarial=0.3,lawful=0.2. Mu defaults to the weight of
-    /// the adversarial expert.
-    #[arg(long, value_name = "NAME=W,...", value_parser = mix, conflicts_with_all = ["lambda", "aggression"])]
-    pub mix: Option<Mix>,
-    #[command(flatten)]
-    pub merging: MergerArgs,
-}
-
 /// Merger of a command that mixes experts.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = ATTACK)]
@@ -326,27 +269,6 @@ pub(crate) struct MergerArgs {
     /// Merger of the experts, by its name in `sage list`; with options as NAME{"option": value}.
     #[arg(long, value_name = "NAME", default_value = "linear")]
     pub merger: Part,
-}
-
-impl OperatingPointArgs {
-    /// The operating points; none if none is given.
-    pub(crate) fn listed(&self) -> OperatingPoints {
-        let values = |given: &Option<Values>| given.iter().flat_map(|values| values.0.clone()).collect();
-        OperatingPoints {
-            aggression: values(&self.aggression),
-            mix: self.mix.iter().map(|Mix(mix)| mix.clone()).collect(),
-            lambda: values(&self.lambda),
-            mu: self.mu,
-        }
-    }
-}
-
-/// Weights of experts by name.
-#[derive(Clone, Debug)]
-pub(crate) struct Mix(pub Vec<(String, f64)>);
-
-fn mix(text: &str) -> std::result::Result<Mix, String> {
-    operating_point::mix(text).map(Mix)
 }
 
 /// Feasibility rule of a command that selects candidates.
@@ -357,13 +279,4 @@ pub(crate) struct FeasibilityArgs {
     /// NAME{"option": value}.
     #[arg(long, value_name = "NAME")]
     pub feasibility: Option<Part>,
-}
-
-/// One or more values of lambda or aggression.
-#[derive(Clone, Debug)]
-pub(crate) struct Values(pub Vec<f64>);
-
-/// Parses `1`, `0,0.5,1` or `0:1:0.1`.
-fn values(text: &str) -> std::result::Result<Values, String> {
-    Ok(Values(operating_point::sweep(text)?))
 }

@@ -10,7 +10,7 @@ use std::{
     sync::Arc,
 };
 
-use advsage::{Registries, generators::Against, prepared, rows::search::SceneRow};
+use advsage::{Registries, generators::Against, operating_point::Values, prepared, rows::search::SceneRow};
 use anyhow::{Result, bail, ensure};
 use sage_core::{
     objective::{Context, ContextOptions},
@@ -23,7 +23,7 @@ use sage_run::{
     progress, terminal,
 };
 
-use crate::cli::{ExplainArgs, Values};
+use crate::cli::ExplainArgs;
 use attack_row::RecordedAttack;
 use explanation::Explanation;
 
@@ -101,24 +101,24 @@ fn refuse_options(args: &ExplainArgs) -> Result<()> {
 fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
     ensure!(args.of.is_none(), "--of is the scene of a row, and `{}` is no row", args.scene.display());
     let mut attack = args.attack.clone();
-    let points = &mut attack.points;
-    if points.lambda.is_none() && points.aggression.is_none() && points.mix.is_none() {
+    let points = &mut attack.generator.points;
+    if points.is_empty() {
         points.lambda = Some(Values(LAMBDAS.to_vec()));
     }
-    let generator = networks::build_generator(attack.spec(&args.method)?, registries)?;
+    let generator = networks::build_generator(attack.spec(Some(&args.method))?, registries)?;
     let recording = Recording::read_as(&args.scene, &args.reading.options())?;
     for warning in checks::important(&recording.scene) {
         progress::say(&format!("warning: {warning}"));
     }
     let scene = Arc::new(recording.scene.with_roles(None, attack.adversary.as_deref())?);
     let ctx = prepared::recording(&scene, &SceneIndex::new(scene.map.clone()))?;
-    let attacks = generator.built.attacks(&ctx, Against::Recording, attack.seed)?;
+    let attacks = generator.built.attacks(&ctx, Against::Recording, attack.generator.seed)?;
     let objective = &generator.selection.objective;
     let uses_point = generator.built.facts.uses_operating_point();
     let (mut all, mut candidates) = (Vec::new(), picture::Candidates::default());
     for (attack, point) in attacks.iter().zip(&generator.points) {
         attack.check(ctx.scene())?;
-        let label = if uses_point { point.long_label() } else { generator.spec.method.to_string() };
+        let label = if uses_point { point.long_label() } else { generator.method.to_string() };
         let (explanation, kinds) = Explanation::of(attack, &ctx, objective, point.mu, label);
         candidates = picture::Candidates::of(attack, &ctx, &explanation, &kinds);
         all.push(explanation);
@@ -127,8 +127,8 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
         "`{}` with the adversary `{}`, generator `{}`, selection `{}`:",
         terminal::escaped_name(&args.scene.display().to_string()),
         terminal::escaped_name(&ctx.adversary().id),
-        generator.spec.method,
-        attack.selection
+        generator.method,
+        attack.generator.selection
     );
     Ok(Explained { title, scene, all, candidates })
 }

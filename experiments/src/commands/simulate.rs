@@ -58,11 +58,9 @@ impl<'a> Simulation<'a> {
         progress::say_notes(&egos);
         let (attacked, subtitle) = match (&args.method, &args.attack) {
             (Some(method), _) => {
-                let generator = networks::build_generator(args.options.spec(method)?, registries)?;
-                let subtitle = format!(
-                    "attacks by {}, each planned against the drive without it",
-                    generator.spec.method
-                );
+                let generator = networks::build_generator(args.options.spec(Some(method))?, registries)?;
+                let subtitle =
+                    format!("attacks by {}, each planned against the drive without it", generator.method);
                 (Attacked::Generated(Box::new(generator)), subtitle)
             }
             (None, file) => {
@@ -116,7 +114,7 @@ impl<'a> Simulation<'a> {
         let mut identity = match &self.attacked {
             Attacked::Generated(generator) => networks::generator_identity(generator)?,
             _ => json!({
-                "command": output::command(), "seed": self.args.options.seed,
+                "command": output::command(), "seed": self.args.options.generator.seed,
                 "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
             }),
         };

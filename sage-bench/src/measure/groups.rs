@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use advsage::{
     generators::{BuiltGenerator, Generators, refuse_duplicates},
-    operating_point::{OperatingPointSpec, OperatingPoints},
+    operating_point::{Mix, OperatingPointSpec, OperatingPoints, Values},
     part::Part,
     selection::Selection,
 };
@@ -139,10 +139,11 @@ fn points(
     });
     let listed = study.mix.iter().map(|mix| mix.clone().into_iter().collect());
     let range = merger.range();
+    let some = |values: &Vec<f64>| (!values.is_empty()).then(|| Values(values.clone()));
     let listed = OperatingPoints {
-        aggression: study.aggression.clone(),
-        mix: on_triangle.chain(listed).collect(),
-        lambda: study.lambda.clone(),
+        aggression: some(&study.aggression),
+        mix: on_triangle.chain(listed).map(Mix).collect(),
+        lambda: some(&study.lambda),
         mu: study.mu,
     };
     let mut points = listed.specs(range, dial)?;
@@ -157,7 +158,8 @@ fn points(
     if let Some(axis) = &study.plane {
         let [a, b] = &axis.experts;
         let named = |y: &f64, x: &f64| vec![(a.clone(), *x), (b.clone(), *y)];
-        let mix = axis.shares.iter().flat_map(|y| axis.shares.iter().map(move |x| named(y, x))).collect();
+        let mix =
+            axis.shares.iter().flat_map(|y| axis.shares.iter().map(move |x| Mix(named(y, x)))).collect();
         let plane = OperatingPoints { mix, mu: study.mu, ..OperatingPoints::default() };
         points.extend(plane.specs(range, || bail!("a plane has no aggression"))?);
     }

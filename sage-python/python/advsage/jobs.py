@@ -166,10 +166,9 @@ def _of_generate(engine: argparse.ArgumentParser) -> argparse.ArgumentParser:
     add = parser.add_argument_group("attack").add_argument
     add("--method", default="sage", metavar="NAME", help="generator (default: sage)")
     add("--options", metavar="JSON", help="options of the generator")
-    points = parser.add_mutually_exclusive_group()
-    points.add_argument("--lambda", metavar="L", help="interpolation weight: a number, a list, or FROM:TO:STEP (default: 1)")
-    points.add_argument("--aggression", metavar="A", help="aggression, which sets lambda and mu")
-    points.add_argument("--mix", metavar="NAME=W,...", help="weights of the experts by name")
+    add("--lambda", metavar="L", help="interpolation weight: a number, a list, or FROM:TO:STEP (default: 1)")
+    add("--aggression", metavar="A", help="aggression, which sets lambda and mu")
+    add("--mix", metavar="NAME=W,...", help="weights of the experts by name")
     add("--mu", metavar="M", help="weight of the selection, 0 to 1 (default: lambda)")
     add("--merger", default="linear", metavar="NAME", help="merger of the experts (default: linear)")
     add("--weights", metavar="NAME", help="weights of the experts: a name or a folder (default: procedural)")
@@ -219,8 +218,6 @@ def main(words: list[str] | None = None) -> int:
     for name, value, least in [("--shards", own.shards, 1), ("--cores", own.cores, 1), ("--retries", own.retries, 0)]:
         if value is not None and value < least:
             parser.error(f"{name} is {value}; expected at least {least}")
-    if given["aggression"] and given["mu"]:
-        parser.error("--aggression sets mu; leave out --mu")
     if own.engine != "local":
         return generate(others, own.engine, own.shards, own.cores, own.retries)
     if os.environ.get(PARENT):

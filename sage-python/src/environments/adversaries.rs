@@ -3,8 +3,8 @@
 use std::{collections::HashMap, sync::Arc};
 
 use advsage::{
+    GeneratorSpec,
     named_search::{NamedSearch, SearchSpec},
-    operating_point::OperatingPoints,
     part::Part,
     searched_attacker::SearchedAttacker,
 };
@@ -126,16 +126,8 @@ impl Described {
                 Arc::new(OfGenerator { built, has_curriculum })
             }
             Attacks::Search { ego, options, weights } => {
-                let spec = SearchSpec {
-                    method: None,
-                    selection: "natural".to_owned(),
-                    feasibility: None,
-                    merger: Part::named("linear"),
-                    weights,
-                    points: OperatingPoints::default(),
-                    plans: sage_sim::search::MOST_PLANS,
-                    seed: 0,
-                };
+                let generator = GeneratorSpec { weights, ..GeneratorSpec::default() };
+                let spec = SearchSpec { generator, ..SearchSpec::default() };
                 let search: NamedSearch = spec.build(registries()?)?;
                 Arc::new(SearchedAttacker::new(search, ego.policy, ego.references, options, 0))
             }

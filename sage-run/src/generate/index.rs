@@ -95,7 +95,7 @@ pub(super) fn write(plan: &Plan, folder: &Folder, run_hash: &str, inputs: &[Inpu
     let points = &plan.generator.points;
     let label = |k: usize| points[k].long_label().replace("lambda ", "λ ");
     let data = Data {
-        title: format!("Attacks by {}", plan.generator.spec.method),
+        title: format!("Attacks by {}", plan.generator.method),
         subtitle: match inputs.len() > most {
             true => format!("the first {most} of {} scenes, {}", inputs.len(), plan.subtitle()),
             false => plan.subtitle(),

@@ -90,7 +90,7 @@ impl SceneView<'_> {
             });
         }
         let generator = &self.plan.generator;
-        let subtitle = format!("attacks by {}", generator.spec.method);
+        let subtitle = format!("attacks by {}", generator.method);
         Ok(player::page(scene, [self.name, &subtitle], &panels, &paths.all, MOST_BESIDE, Some(INDEX))?)
     }
 

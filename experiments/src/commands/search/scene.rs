@@ -78,13 +78,13 @@ impl OneScene<'_> {
         let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
         let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
         let drives = |scene: &_| {
-            let test = searcher.ego.test(scene, args.attack.seed);
+            let test = searcher.ego.test(scene, args.attack.generator.seed);
             test.map_err(|error| advsage::Error::from(error).within(failed()))
         };
         let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
         let rule = &searcher.rule().objective;
         let (pool, result) =
-            searcher.plans().search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;
+            searcher.plans().search(&test, &ctx, rule, &searcher.options, args.attack.generator.seed)?;
         if result.reason == Some(Reason::Error) {
             let first =
                 result.driven.first().and_then(|evaluated| evaluated.error.clone()).unwrap_or_default();
@@ -95,7 +95,7 @@ impl OneScene<'_> {
             scene: self.name.to_owned(),
             ego: searcher.ego.label.clone(),
             source_hash: self.source_hash.to_owned(),
-            seed: args.attack.seed,
+            seed: args.attack.generator.seed,
             adversary: ctx.adversary().id.clone(),
         };
         let source = |number| searcher.plans().source(number);
@@ -188,7 +188,7 @@ impl OneScene<'_> {
 
     /// How a plan was generated; `key` is its source.
     fn generated_by(&self, key: Option<&RowKey>) -> GeneratedBy {
-        let merger = &self.searcher.args.attack.points.merging.merger;
+        let merger = &self.searcher.args.attack.generator.merger;
         let of_plan = key.map_or_else(
             || GeneratedBy { merger: Some(merger.to_string()), ..GeneratedBy::default() },
             |key| GeneratedBy::at(&key.part(), merger, key.point.as_ref()),

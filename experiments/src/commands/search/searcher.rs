@@ -36,25 +36,14 @@ impl<'a> Searcher<'a> {
         let ego = Ego { fault: args.fault, ..ego };
         progress::say_notes(std::slice::from_ref(&ego));
         ensure!(
-            args.method.is_some() || args.attack.options.is_none(),
+            args.method.is_some() || args.attack.generator.options.is_none(),
             "--options needs a generator; name it with --method, such as --method sage"
         );
-        let method = args.method.as_ref().map(|method| args.attack.spec(method)).transpose()?;
-        let given = &args.attack.points;
-        let spec = SearchSpec {
-            method: method.map(|spec| spec.method),
-            selection: args.attack.selection.clone(),
-            feasibility: args.attack.rule.feasibility.clone(),
-            merger: given.merging.merger.clone(),
-            weights: args.attack.weights.clone(),
-            points: given.listed(),
-            plans: args.plans,
-            seed: args.attack.seed,
-        };
+        let spec = SearchSpec { generator: args.attack.spec(args.method.as_ref())?, plans: args.plans };
         let named = spec.build_with(registries, networks::announce_experts)?;
         named.notes.iter().for_each(|note| progress::say(&format!("warning: {note}")));
         let plans_against_ego = named.method.as_ref().is_some_and(|(_, facts)| facts.plans_against_ego);
-        if !plans_against_ego && args.attack.selection != "natural" {
+        if !plans_against_ego && args.attack.generator.selection != "natural" {
             progress::say("note: --selection has no effect: every candidate is a plan of the search");
         }
         let options = SearchOptions {
@@ -103,8 +92,8 @@ impl<'a> Searcher<'a> {
         let mut identity = json!({
             "command": output::command(), "method": self.named.method(), "weights": weights, "points": self.named.points,
             "selection": self.named.selection.objective.spec(), "feasibility": self.named.rule.objective.spec().feasibility,
-            "merger": self.args.attack.points.merging.merger.to_string(), "search": self.options,
-            "plans": self.args.plans, "adversary": self.args.attack.adversary, "seed": self.args.attack.seed,
+            "merger": self.args.attack.generator.merger.to_string(), "search": self.options,
+            "plans": self.args.plans, "adversary": self.args.attack.adversary, "seed": self.args.attack.generator.seed,
             "format": self.args.format.name(), "ego": ego::identity(&self.args.ego)?,
             "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
         });

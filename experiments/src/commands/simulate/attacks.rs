@@ -84,8 +84,7 @@ impl<'a> SceneAttacks<'a> {
                 let planned = attacks.into_iter().zip(&generator.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();
-                    let label =
-                        if uses_point { point.long_label() } else { generator.spec.method.to_string() };
+                    let label = if uses_point { point.long_label() } else { generator.method.to_string() };
                     let path = test.path_of(&attack)?;
                     let planned = PlannedAttack::of(&ctx, path);
                     let attack = planned.after(attack.queries);

@@ -39,7 +39,7 @@ pub(super) fn check(
     let scenes: Vec<Arc<SimScene>> = readable.take(SCENES).collect();
     ensure!(!scenes.is_empty(), "no scene can be driven, so the planner cannot be checked");
     for part in planners {
-        let seed = args.options.seed;
+        let seed = args.options.generator.seed;
         let all = |ego: &Ego, is_reversed: bool| -> Result<Vec<Drive>> {
             let one = |scene: &Arc<SimScene>| -> Result<Drive> {
                 Ok(drive(&mut Simulation::new(scene, &Arc::default(), None, &*ego.policy, seed)?)?)

@@ -150,7 +150,7 @@ impl SceneDrives<'_> {
         simulated: &Arc<SimScene>,
         rows: &mut Vec<DrivenRow>,
     ) -> Result<Option<Drive>> {
-        let (ego, seed) = (&self.simulation.egos[number], self.simulation.args.options.seed);
+        let (ego, seed) = (&self.simulation.egos[number], self.simulation.args.options.generator.seed);
         let failed = || format!("the policy `{}` cannot drive here", ego.label);
         let test = self.attacks.has_attack().then(|| AttackTest::new(&*ego.policy, simulated, seed));
         let test = test.transpose().with_context(failed)?;
@@ -196,7 +196,7 @@ impl SceneDrives<'_> {
             ego: &ego.label,
             generated: Some(generated),
             source_hash: self.source_hash,
-            seed: self.simulation.args.options.seed,
+            seed: self.simulation.args.options.generator.seed,
         };
         DriveRow::new(head, episode, scene, attack)
     }

@@ -13,7 +13,9 @@ use sage_backbones::{
     Backbone, MotionModel,
     features::EdgeKinds,
     parameters::Header,
-    training::{CheckpointFile, Expectation, FinetuneRow, Measures, PreparedScene, Tunes, finetune},
+    training::{
+        CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, Tunes, finetune,
+    },
     weights::PRIOR_FILE,
 };
 use sage_bench::csv_text::of_table;
@@ -22,10 +24,11 @@ use sage_generators::DIAL_FILE;
 use sage_merging::{ExpertFile, ExpertSet};
 use sage_run::{
     Outcome, networks,
-    output::{self, Run, RunState},
+    output::{self, Folder, Run, RunState},
     progress,
     scenes::{self, Scenes},
 };
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::cli::FinetuneArgs;
@@ -58,134 +61,73 @@ fn with_edges(
     Ok(NamedNetwork { network, header, name, note })
 }
 
+/// What identifies the run.
+#[derive(Serialize)]
+struct Identity<'a> {
+    data: &'a str,
+    prior: String,
+    network: &'a Value,
+    seed: u64,
+    roles: usize,
+    /// Options of each expert.
+    options: Map<String, Value>,
+    version: &'static str,
+    program: String,
+    /// Hashes of files that the objectives read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    contents: Vec<String>,
+}
+
+/// All inputs of the command.
+struct Job<'a> {
+    args: &'a FinetuneArgs,
+    options: RunOptions,
+    measures: Measures,
+    prior: Arc<dyn Backbone>,
+    /// Header of the prior's file.
+    header: Header,
+    training: Scenes,
+    train: Vec<SceneData>,
+    dev: Vec<SceneData>,
+    /// Scenes that could not be used.
+    failed: usize,
+    /// Description of the training scenes.
+    data: String,
+}
+
+/// The scenes with every goal decoded and evaluated.
+struct Goals {
+    /// Role assignments for training, and then their mirror images.
+    train: Vec<PreparedScene>,
+    /// How many of them are no mirror images.
+    plain: usize,
+    dev: Vec<PreparedScene>,
+}
+
 pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let run_options = RunOptions::of(args, registries)?;
-    let RunOptions { experts, roles, .. } = &run_options;
-    let objectives: Vec<&Objective> = experts.iter().map(|expert| &expert.objective).collect();
-    let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities);
-    let measures = measures.context("the experts of one run")?;
-    let states: Vec<String> = experts.iter().map(|expert| format!("{}.state", expert.name)).collect();
-    let mut results: Vec<String> =
-        experts.iter().map(|expert| format!("{}.safetensors", expert.name)).collect();
-    results.extend([PRIOR_FILE.to_owned(), "finetune.csv".to_owned()]);
-    let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, &run_options, registries)?;
-    networks::announce(&loaded);
-    let shared: Arc<dyn Backbone> = loaded.network.into();
-    let prior = &*shared;
-    let training = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?;
-    let validation = args.dev.as_ref().map(|dev| Scenes::under(std::slice::from_ref(dev))).transpose()?;
-    let train = training.read_all()?;
-    let dev = validation.as_ref().map(Scenes::read_all).transpose()?.unwrap_or_default();
-    let failed = training.failed() + validation.as_ref().map_or(0, Scenes::failed);
-    let data = scenes::describe(&train);
-    let options: Map<String, Value> = experts
-        .iter()
-        .map(|expert| Ok((expert.name.clone(), serde_json::to_value(&expert.options)?)))
-        .collect::<Result<_>>()?;
-    let mut identity = json!({
-        "data": &data, "prior": prior.parameters().hash()?, "network": prior.options(), "seed": args.seed, "roles": roles,
-        "options": options, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-    });
-    let contents: Vec<String> = objectives.iter().flat_map(|objective| objective.contents()).collect();
-    if !contents.is_empty() {
-        identity["contents"] = json!(contents);
-    }
-    // A dial of other experts must not be used for these.
-    let outdated = [DIAL_FILE];
-    let (run, state) = Run::start(
-        &args.folder.out,
-        identity.clone(),
-        args.folder.force,
-        &states.iter().map(String::as_str).collect::<Vec<_>>(),
-        &outdated,
-        &results.iter().map(String::as_str).collect::<Vec<_>>(),
-    )?;
+    let mut job = Job::new(args, registries)?;
+    let identity = job.identity()?;
+    let (run, state) = job.start(identity.clone())?;
     if state == RunState::Done {
         return Ok(Outcome::Done);
     }
-    let folder = run.folder();
-    let train = scenes::with_other_roles(train, *roles);
-    let is_mirrored = experts.iter().any(|expert| expert.options.mirror);
-    let images = if is_mirrored { 2 } else { 1 };
-    let prepared = images * train.len() + dev.len();
-    ensure!(
-        prepared <= MOST_PREPARED,
-        "{} role assignments ({images} mirror images of each) and {} scenes of --dev make {prepared} prepared scenes; at most {MOST_PREPARED} are held in memory (1.5 MB each): use fewer scenes or a smaller --roles",
-        train.len(),
-        dev.len()
-    );
-    let all = |scenes: &[SceneData], mirrored: bool| {
-        PreparedScene::all(prior, scenes, mirrored, &measures, |data, defect| {
-            training.fail(&data.name, &defect.into());
-        })
-    };
-    let (plain, dev) = (all(&train, false)?, all(&dev, false)?);
-    let mirrored = if is_mirrored { all(&train, true)? } else { Vec::new() };
-    drop(train);
+    let goals = job.goals()?;
     progress::say(&format!(
         "decoded and evaluated every goal of {} role assignments (a scene with an ego and an adversary) ({:.0} s)",
-        plain.len(),
+        goals.plain,
         clock.elapsed().as_secs_f64()
     ));
-    let count = plain.len();
-    let all: Vec<PreparedScene> = plain.into_iter().chain(mirrored).collect();
     let mut table = Table::new("", &HEADS);
     let mut reports = Vec::new();
-    for Expert { name, options, objective } in experts {
-        let train = if options.mirror { &all[..] } else { &all[..count] };
-        let state = folder.path().join(format!("{name}.state"));
-        let identity = json!({"run": &identity, "expert": name});
-        let checkpoint = CheckpointFile { file: &state, identity, header: Header::default() };
-        let weights = finetune(prior, train, &measures, objective, options, Some(&checkpoint), |row| {
-            progress::say(&epoch_message(name, row));
-            table.row(name, cells(row));
-        })?;
-        let mut header = Header {
-            backbone: prior.name().to_owned(),
-            options: prior.options().clone(),
-            seed: args.seed,
-            data: data.clone(),
-            command: output::command(),
-            license: loaded.header.license.clone(),
-            ..Header::default()
-        };
-        header.notes.insert(ExpertFile::EXPERT.to_owned(), name.clone());
-        header.notes.insert(ExpertFile::PRIOR.to_owned(), prior.parameters().hash()?);
-        header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
-        if options.tunes == Tunes::All {
-            header.notes.insert(ExpertFile::TUNES.to_owned(), "all".to_owned());
-        }
-        let content = ExpertFile::content(prior, &weights, options.tunes);
-        content.save(&header, &folder.path().join(format!("{name}.safetensors")))?;
-        let set = ExpertSet::tuned(shared.clone(), vec![(name.clone(), weights.clone())], options.tunes)?;
-        let tuned = set.model(weights)?;
-        for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
-            if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
-                progress::say(&format!(
-                    "{name} on {set} ({} role assignments), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, believable {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
-                    scenes.len(),
-                    before.feasible,
-                    after.feasible,
-                    before.attack,
-                    after.attack,
-                    before.believable,
-                    after.believable,
-                    before.reward,
-                    after.reward,
-                    before.penalty,
-                    after.penalty,
-                ));
-                reports.push(json!({"expert": name, "set": set, "role_assignments": scenes.len(), "prior": before, "tuned": after}));
-            }
-        }
-        reports.push(json!({"expert": name, "options": options}));
+    for expert in &job.options.experts {
+        job.tune(expert, &goals, run.folder(), &identity, &mut table, &mut reports)?;
     }
-    prior.parameters().save(&loaded.header, &folder.path().join(PRIOR_FILE))?;
-    folder.write("finetune.csv", of_table(&table).as_bytes())?;
+    job.prior.parameters().save(&job.header, &run.folder().path().join(PRIOR_FILE))?;
+    run.folder().write("finetune.csv", of_table(&table).as_bytes())?;
     if args.variants.is_some() {
         for (file, svg) in curves::draw(&table)? {
-            folder.write(file, svg.as_bytes())?;
+            run.folder().write(file, svg.as_bytes())?;
         }
     }
     run.finish(&json!({"experts": reports}), clock.elapsed().as_secs_f64())?;
@@ -194,7 +136,169 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         args.folder.out.display(),
         clock.elapsed().as_secs_f64()
     ));
-    Ok(scenes::outcome_without(failed))
+    Ok(scenes::outcome_without(job.failed))
+}
+
+impl<'a> Job<'a> {
+    /// Checks all options, loads the prior and reads the scenes.
+    ///
+    /// *Errors*: a wrong option; a prior or a folder of scenes that cannot be used.
+    fn new(args: &'a FinetuneArgs, registries: &Registries) -> Result<Self> {
+        let options = RunOptions::of(args, registries)?;
+        let objectives: Vec<&Objective> = options.experts.iter().map(|expert| &expert.objective).collect();
+        let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities);
+        let measures = measures.context("the experts of one run")?;
+        let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, &options, registries)?;
+        networks::announce(&loaded);
+        let training = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?;
+        let validation = args.dev.as_ref().map(|dev| Scenes::under(std::slice::from_ref(dev))).transpose()?;
+        let train = training.read_all()?;
+        let dev = validation.as_ref().map(Scenes::read_all).transpose()?.unwrap_or_default();
+        Ok(Self {
+            args,
+            options,
+            measures,
+            prior: loaded.network.into(),
+            header: loaded.header,
+            failed: training.failed() + validation.as_ref().map_or(0, Scenes::failed),
+            data: scenes::describe(&train),
+            training,
+            train,
+            dev,
+        })
+    }
+
+    fn identity(&self) -> Result<Value> {
+        let experts = &self.options.experts;
+        let options =
+            experts.iter().map(|expert| Ok((expert.name.clone(), serde_json::to_value(&expert.options)?)));
+        let identity = Identity {
+            data: &self.data,
+            prior: self.prior.parameters().hash()?,
+            network: self.prior.options(),
+            seed: self.args.seed,
+            roles: self.options.roles,
+            options: options.collect::<Result<_>>()?,
+            version: env!("CARGO_PKG_VERSION"),
+            program: output::program(),
+            contents: experts.iter().flat_map(|expert| expert.objective.contents()).collect(),
+        };
+        Ok(serde_json::to_value(identity)?)
+    }
+
+    fn start(&self, identity: Value) -> Result<(Run, RunState)> {
+        let names = |ending: &str| -> Vec<String> {
+            self.options.experts.iter().map(|expert| format!("{}.{ending}", expert.name)).collect()
+        };
+        let states = names("state");
+        let mut results = names("safetensors");
+        results.extend([PRIOR_FILE.to_owned(), "finetune.csv".to_owned()]);
+        Run::start(
+            &self.args.folder.out,
+            identity,
+            self.args.folder.force,
+            &states.iter().map(String::as_str).collect::<Vec<_>>(),
+            // A dial of other experts must not be used for these.
+            &[DIAL_FILE],
+            &results.iter().map(String::as_str).collect::<Vec<_>>(),
+        )
+    }
+
+    /// Decodes and evaluates every goal of all scenes.
+    ///
+    /// *Errors*: more scenes than are held in memory.
+    fn goals(&mut self) -> Result<Goals> {
+        let train = scenes::with_other_roles(std::mem::take(&mut self.train), self.options.roles);
+        let is_mirrored = self.options.experts.iter().any(|expert| expert.options.mirror);
+        let images = if is_mirrored { 2 } else { 1 };
+        let prepared = images * train.len() + self.dev.len();
+        ensure!(
+            prepared <= MOST_PREPARED,
+            "{} role assignments ({images} mirror images of each) and {} scenes of --dev make {prepared} prepared scenes; at most {MOST_PREPARED} are held in memory (1.5 MB each): use fewer scenes or a smaller --roles",
+            train.len(),
+            self.dev.len()
+        );
+        let all = |scenes: &[SceneData], mirrored: bool| {
+            PreparedScene::all(&*self.prior, scenes, mirrored, &self.measures, |data, defect| {
+                self.training.fail(&data.name, &defect.into());
+            })
+        };
+        let (plain, dev) = (all(&train, false)?, all(&self.dev, false)?);
+        let mirrored = if is_mirrored { all(&train, true)? } else { Vec::new() };
+        let count = plain.len();
+        Ok(Goals { train: plain.into_iter().chain(mirrored).collect(), plain: count, dev })
+    }
+
+    /// Tunes an expert and writes its file, adds its epochs to the table and its report to the others.
+    ///
+    /// *Errors*: a training that cannot go on; a file that cannot be written.
+    fn tune(
+        &self,
+        Expert { name, options, objective }: &Expert,
+        goals: &Goals,
+        folder: &Folder,
+        identity: &Value,
+        table: &mut Table,
+        reports: &mut Vec<Value>,
+    ) -> Result<()> {
+        let prior = &*self.prior;
+        let train = if options.mirror { &goals.train[..] } else { &goals.train[..goals.plain] };
+        let state = folder.path().join(format!("{name}.state"));
+        let identity = json!({"run": identity, "expert": name});
+        let checkpoint = CheckpointFile { file: &state, identity, header: Header::default() };
+        let weights = finetune(prior, train, &self.measures, objective, options, Some(&checkpoint), |row| {
+            progress::say(&epoch_message(name, row));
+            table.row(name, cells(row));
+        })?;
+        let content = ExpertFile::content(prior, &weights, options.tunes);
+        content.save(&self.header_of(name, options)?, &folder.path().join(format!("{name}.safetensors")))?;
+        let set = ExpertSet::tuned(self.prior.clone(), vec![(name.clone(), weights.clone())], options.tunes)?;
+        let tuned = set.model(weights)?;
+        for (set, scenes) in [("train", &goals.train[..goals.plain]), ("dev", &goals.dev[..])] {
+            if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
+                progress::say(&expectation_message(name, set, scenes.len(), [&before, &after]));
+                reports.push(json!({"expert": name, "set": set, "role_assignments": scenes.len(), "prior": before, "tuned": after}));
+            }
+        }
+        reports.push(json!({"expert": name, "options": options}));
+        Ok(())
+    }
+
+    /// Header of the file of an expert.
+    fn header_of(&self, name: &str, options: &FinetuneOptions) -> Result<Header> {
+        let mut header = Header {
+            backbone: self.prior.name().to_owned(),
+            options: self.prior.options().clone(),
+            seed: self.args.seed,
+            data: self.data.clone(),
+            command: output::command(),
+            license: self.header.license.clone(),
+            ..Header::default()
+        };
+        header.notes.insert(ExpertFile::EXPERT.to_owned(), name.to_owned());
+        header.notes.insert(ExpertFile::PRIOR.to_owned(), self.prior.parameters().hash()?);
+        header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
+        if options.tunes == Tunes::All {
+            header.notes.insert(ExpertFile::TUNES.to_owned(), "all".to_owned());
+        }
+        Ok(header)
+    }
+}
+
+fn expectation_message(name: &str, set: &str, scenes: usize, [before, after]: [&Expectation; 2]) -> String {
+    format!(
+        "{name} on {set} ({scenes} role assignments), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, believable {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
+        before.feasible,
+        after.feasible,
+        before.attack,
+        after.attack,
+        before.believable,
+        after.believable,
+        before.reward,
+        after.reward,
+        before.penalty,
+        after.penalty,
+    )
 }
 
 /// Mean expectations of the prior and of an expert.

@@ -10,7 +10,7 @@ use sage_sim::{
 };
 use serde_json::{Map, Value, json};
 
-use super::NONE;
+use super::attacks::NONE;
 use crate::cli::{EgosName, RecipeName, RewardSpec, TrainEgoArgs};
 
 /// Options of a run that are options of the command, not of its configuration.

@@ -21,27 +21,28 @@ pub(super) fn folder(seed: u64) -> String {
 ///
 /// *Errors*: the run breaks off ([`sage_sim::rl::Stop`]), or a file cannot be written.
 pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock) -> Result<Trained> {
-    let options = TrainingOptions { seed, ..shared.options.clone() };
+    let options = TrainingOptions { seed, ..shared.chosen.options.clone() };
+    let scenes = &shared.scenes;
     let path = run.folder().inner(folder(seed).as_ref())?;
-    let identity = format!("{} seed {seed}", shared.identity);
-    let loaded = TrainingState::load(&path, &identity, &options, shared.training.len());
+    let identity = format!("{} seed {seed}", shared.identity()?);
+    let loaded = TrainingState::load(&path, &identity, &options, scenes.training.len());
     let loaded = loaded.map_err(|problem| anyhow!(problem))?;
     let resumed = loaded.is_some();
     let state = match loaded {
         Some(loaded) => loaded,
-        None => TrainingState::new(&options, shared.training.len()).map_err(|problem| anyhow!(problem))?,
+        None => TrainingState::new(&options, scenes.training.len()).map_err(|problem| anyhow!(problem))?,
     };
     let curriculum = shared.args.curriculum.build(&shared.registries.parts.curricula)?;
     let sampler = shared.args.sampler.build(&shared.registries.parts.scene_samplers)?;
     let setting = Setting {
-        scenes: &shared.training,
-        evaluation: &shared.evaluation,
-        attacker: shared.attacker.as_deref(),
-        examiner: shared.examiner.as_ref().map(|adversary| adversary as _),
+        scenes: &scenes.training,
+        evaluation: &scenes.evaluation,
+        attacker: shared.attacks.attacker.as_deref(),
+        examiner: shared.attacks.examiner.as_ref().map(|adversary| adversary as _),
         curriculum: &*curriculum,
         sampler: &*sampler,
         teacher: shared.teacher.as_deref(),
-        second_kind: shared.second_kind,
+        second_kind: scenes.second_kind,
     };
     let total = options.steps();
     let random = if options.algorithm == Algorithm::Td3 { options.td3.random_steps } else { 0 };
@@ -116,32 +117,32 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
     )?;
     run.folder().write(
         &format!("{name}/episodes.csv"),
-        report::episodes_csv(&shared.columns, trained, &shared.names).as_bytes(),
+        report::episodes_csv(&shared.columns, trained, &shared.scenes.names).as_bytes(),
     )
 }
 
 fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCard {
-    let args = shared.args;
-    let options = TrainingOptions { seed: trained.seed, ..shared.options.clone() };
+    let Shared { args, scenes, .. } = shared;
+    let options = TrainingOptions { seed: trained.seed, ..shared.chosen.options.clone() };
     let mut training = json!({
         "algorithm": report::algorithm(&options), "generator": args.method.to_string(), "curriculum": args.curriculum.to_string(),
-        "sampler": args.sampler.to_string(), "weights": shared.weights,
+        "sampler": args.sampler.to_string(), "weights": shared.attacks.weights_of_attacker(),
         "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
-        "scenes": shared.identity["scenes"], "egos": shared.identity["egos"],
-        "procedural_scenes": shared.second_kind.map(|(_, share)| json!({"scenes": args.procedural, "share": share})),
+        "scenes": scenes.described[0], "egos": shared.chosen.egos.name(),
+        "procedural_scenes": scenes.second_kind.map(|(_, share)| json!({"scenes": args.procedural, "share": share})),
         "reward": options.reward.to_string(), "options": options,
     });
-    if let Some(teacher) = shared.identity["teacher"].as_str() {
+    if let Some(teacher) = shared.taught_by() {
         training["teacher"] = teacher.into();
     }
     if let Some(drives) = args.search {
         training["search"] = drives.into();
     }
     let measured = json!({
-        "scenes": shared.identity["evaluation_scenes"], "attacks": args.eval_method.to_string(),
+        "scenes": scenes.described[1], "attacks": args.eval_method.to_string(),
         "unchanged": report::means(&shared.columns, &evaluation.unchanged),
         "attacked": report::means(&shared.columns, &evaluation.attacked),
     });
-    let card = PolicyCard::new(options.observation(), training, measured, shared.license.clone());
+    let card = PolicyCard::new(options.observation(), training, measured, shared.license());
     PolicyCard { kept: options.kept(), ..card }
 }

@@ -1,5 +1,6 @@
 //! `sage bench STUDY`: runs a study; `sage bench report`: renders it again; `sage bench list`.
 
+mod chosen_study;
 mod gallery;
 mod measured;
 
@@ -13,9 +14,9 @@ use sage_bench::{
     measure::ExpertSource,
     plan::Plan,
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
-    rows::{Results, Subject},
+    rows::Results,
     runner::{self, Observer},
-    study::{MAX_STUDY_FILE, Study},
+    study::Study,
 };
 use sage_core::{files, text::wrap::wrapped};
 use sage_generators::Aggression;
@@ -23,16 +24,18 @@ use sage_merging::ExpertSet;
 use sage_run::{
     Outcome, networks,
     outcome::EndsWith,
-    output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord},
+    output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord, ShardState},
     progress::{self, Progress, count},
     scenes::Scenes,
 };
-use serde_json::json;
+use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::{
     Registries,
     cli::{ReportArgs, StudyArgs},
 };
+use chosen_study::{adapted, study};
 use measured::{ChosenScenes, RESULTS, StoredResults, described, records, result_file, short_names};
 
 /// Files of every finished study.
@@ -40,195 +43,161 @@ const REPORT_FILES: [&str; 5] = [report::PAGE, ROWS, report::ESTIMATES, STUDY_RE
 /// Size limit of a stored result, and of files that a run wrote, bytes.
 const LIMIT: u64 = 1 << 30;
 
-/// The study of a name or a file.
-fn study(name: &str, registries: &Registries) -> Result<Study> {
-    if let Some((name, text)) = registries.studies.iter().find(|(known, _)| *known == name) {
-        return Study::parse(text, name);
-    }
-    let path = Path::new(name);
-    if !path.is_file() {
-        let known: Vec<&str> = registries.studies.iter().map(|(name, _)| *name).collect();
-        let known = known.join(", ");
-        bail!("there is no study `{name}`; known: {known}; or the file of a study (YAML)");
-    }
-    let text =
-        files::read_argument_text(path, MAX_STUDY_FILE).with_context(|| format!("cannot read `{name}`"))?;
-    Study::parse(&text, name)
+/// What identifies a run.
+#[derive(Serialize)]
+struct Identity<'a> {
+    plan: &'a Value,
+    scenes: String,
+    version: &'static str,
+    program: String,
 }
 
-/// The study with what the command line replaces.
-fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study> {
-    let name = args.study.as_deref().context("no study is named")?;
-    let mut study = study(name, registries)?;
-    for assignment in args.axes.assignments().iter().chain(&args.set) {
-        study.set(assignment)?;
-    }
-    if let Some(drivers) = args.axes.drivers() {
-        study.ego = drivers;
-    }
-    study.check()?;
-    if let Some(search) = args.avoidable.options() {
-        study.avoidable = Some(search);
-    }
-    if let Some(run) = &args.axes.tested {
-        test_run(&mut study, run)?;
-    }
-    if args.axes.unattacked {
-        if study.measures(Subject::Episode) {
-            study.method.clear();
-        }
-        let has_unattacked = |subject: &Subject| matches!(subject, Subject::Drive | Subject::Episode);
-        study.measure.retain(has_unattacked);
-        study.metrics.retain(|subject, _| has_unattacked(subject));
-        if study.measure.is_empty() {
-            bail!(
-                "--unattacked: study `{}` measures no drive without an attack; `drivers` does",
-                study.study
-            );
-        }
-    }
-    // Against drivers, the drives under attack are what is asked for.
-    let of_drives = [
-        Subject::Drive,
-        Subject::Episode,
-        Subject::AttackedDrive,
-        Subject::Search,
-        Subject::Threshold,
-        Subject::Transfer,
-    ];
-    let is_driven = of_drives.iter().any(|subject| study.measures(*subject));
-    if !study.ego.is_empty() && !is_driven {
-        study.measure.push(Subject::AttackedDrive);
-        study.metrics.insert(Subject::AttackedDrive, ATTACKED.map(str::to_owned).to_vec());
-    }
-    Ok(study)
+/// A study with its scenes.
+struct Job<'a> {
+    args: &'a StudyArgs,
+    part: Part,
+    plan: Plan,
+    scenes: Scenes,
+    /// Files and short names of all scenes, in their order.
+    paths: Vec<String>,
+    names: Vec<String>,
+    /// Numbers of the scenes that this part measures.
+    own: Vec<usize>,
 }
-
-/// Tests another run than the one of the study. The paper's orderings are about its own run, so the same differences are
-/// only said to be better or worse.
-fn test_run(study: &mut Study, run: &str) -> Result<()> {
-    let named: Vec<&str> = study.runs.iter().filter_map(|entry| Some(entry.split_once('=')?.0)).collect();
-    if !named.contains(&run) {
-        bail!("--tested names `{run}`, which is none of --runs: {}", named.join(", "));
-    }
-    for family in &mut study.report.tests {
-        if family.tested != run {
-            family.tested = run.to_owned();
-            if !family.against.is_empty() {
-                family.against.clear();
-                family.title = "Other measures".to_owned();
-                family.verdicts = ["better", "worse"].map(str::to_owned);
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Metrics of attacks on drivers in a study that lists none.
-const ATTACKED: [&str; 9] = [
-    "attack",
-    "at-fault attack",
-    "solid attack",
-    "any vehicle",
-    "progress",
-    "R_adv",
-    "R_adv, path cut",
-    "impact",
-    "*",
-];
 
 /// Runs a study.
 pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Result<Outcome> {
-    let study = adapted(args, registries)?;
     let out = args.folder.out.as_deref().context("--out names no folder")?;
-    let plan = Plan::new(study, registries, &Weights(registries))?;
-    plan.notes.iter().for_each(|note| progress::say_once(&format!("note: {note}")));
-    let paths = [&args.paths[..], &args.data].concat();
-    let procedural = args.procedural.unwrap_or(plan.study.procedural);
-    if paths.is_empty() && procedural == 0 {
-        bail!("name scenes, or a number of procedural ones with --procedural");
-    }
-    let all = Scenes::of(&paths, &args.split.filter(), procedural, plan.study.scene_seed)?;
-    let paths = all.names();
-    let names = short_names(&paths);
-    let own: Vec<usize> = (0..names.len()).filter(|number| is_own(part, &names[*number])).collect();
-    let scenes = all.only(|number| own.binary_search(&number).is_ok());
-    let scenes = match (plan.needs_adversary(), part) {
-        _ if own.is_empty() => scenes,
-        (needs_adversary, Part::Shard(_)) => scenes.some(needs_adversary)?,
-        (true, _) => scenes.attackable()?,
-        (false, _) => scenes.known()?,
-    };
-    let chosen = ChosenScenes::new(&scenes, &names);
-    let identity = json!({
-        "plan": plan.identity, "scenes": described(&names),
-        "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-    });
-    Inputs::of_command_line().refuse_folder(out)?;
-    let outdated = || vec![RESULTS.to_owned(), MANIFEST.to_owned()];
-    let run = DatasetRun::start(out, identity, args.folder.force, part, &REPORT_FILES, outdated)?;
+    let job = Job::new(args, part, registries)?;
+    let run = job.start(out)?;
     if run.is_done() {
         return match part {
-            Part::Whole | Part::Join => show_again(args, &run, &scenes, out),
-            Part::Shard(_) => Ok(scenes.outcome()),
+            Part::Whole | Part::Join => show_again(args, &run, &job.scenes, out),
+            Part::Shard(_) => Ok(job.scenes.outcome()),
         };
     }
-    let all_names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let all_names: Vec<&str> = job.names.iter().map(String::as_str).collect();
     run.agree_on_scenes(&all_names)?;
     let shards = if part == Part::Join { run.joined(&all_names)?.1 } else { Vec::new() };
-    run.folder().inner(RESULTS.as_ref())?;
-    if plan.has_programs && part != Part::Join {
-        plan.write_logs_to(&output::log_folder(run.folder(), part)?);
+    let chosen = ChosenScenes::new(&job.scenes, &job.names);
+    let results = job.measure(&run, &chosen)?;
+    match part {
+        Part::Shard(shard) => run.finish_shard(shard, &job.shard_records(run.folder())?)?,
+        Part::Whole | Part::Join => job.report(run, &chosen, &results, &shards)?,
     }
-    let mut follow = Follow { progress: Progress::new("measured", chosen.names.len()), scenes: &scenes };
-    let store = StoredResults { folder: run.folder(), scenes: &scenes };
-    let results = runner::run(&plan, &chosen, &store, &mut follow)?;
-    let Follow { progress, .. } = follow;
-    progress.finish(&format!(
-        "{} on {}",
-        count(plan.keys.len(), "method"),
-        count(results.scenes.len(), "scene")
-    ));
-    let records = records(&scenes, &own, [&paths, &names]);
-    if let Part::Shard(shard) = part {
-        let stored = |record: SceneRecord, number: &usize| -> Result<SceneRecord> {
-            let file = format!("{RESULTS}/{}", result_file(*number));
-            let is_there = run.folder().path().join(&file).is_file();
-            record.with_files(run.folder().path(), is_there.then_some(&*file))
+    Ok(job.scenes.outcome())
+}
+
+impl<'a> Job<'a> {
+    /// Plans the study and lists its scenes.
+    ///
+    /// *Errors*: a study that cannot be planned; no scenes.
+    fn new(args: &'a StudyArgs, part: Part, registries: &Registries) -> Result<Self> {
+        let plan = Plan::new(adapted(args, registries)?, registries, &Weights(registries))?;
+        plan.notes.iter().for_each(|note| progress::say_once(&format!("note: {note}")));
+        let paths = [&args.paths[..], &args.data].concat();
+        let procedural = args.procedural.unwrap_or(plan.study.procedural);
+        if paths.is_empty() && procedural == 0 {
+            bail!("name scenes, or a number of procedural ones with --procedural");
+        }
+        let all = Scenes::of(&paths, &args.split.filter(), procedural, plan.study.scene_seed)?;
+        let paths = all.names();
+        let names = short_names(&paths);
+        let own: Vec<usize> = (0..names.len()).filter(|number| is_own(part, &names[*number])).collect();
+        let scenes = all.only(|number| own.binary_search(&number).is_ok());
+        let scenes = match (plan.needs_adversary(), part) {
+            _ if own.is_empty() => scenes,
+            (needs_adversary, Part::Shard(_)) => scenes.some(needs_adversary)?,
+            (true, _) => scenes.attackable()?,
+            (false, _) => scenes.known()?,
         };
-        let records = records.into_iter().zip(&own).map(|(record, number)| stored(record, number));
-        run.finish_shard(shard, &records.collect::<Result<Vec<_>>>()?)?;
-        return Ok(scenes.outcome());
+        Ok(Self { args, part, plan, scenes, paths, names, own })
     }
-    if !results.cells.iter().flatten().any(|cell| cell.error.is_empty()) {
-        let error = anyhow!("nothing could be measured in any of {} scenes", chosen.names.len());
-        return Err(EndsWith(Outcome::BadScenes, error).into());
+
+    fn start(&self, out: &Path) -> Result<DatasetRun> {
+        let identity = Identity {
+            plan: &self.plan.identity,
+            scenes: described(&self.names),
+            version: env!("CARGO_PKG_VERSION"),
+            program: output::program(),
+        };
+        Inputs::of_command_line().refuse_folder(out)?;
+        let outdated = || vec![RESULTS.to_owned(), MANIFEST.to_owned()];
+        let (identity, force) = (serde_json::to_value(identity)?, self.args.folder.force);
+        DatasetRun::start(out, identity, force, self.part, &REPORT_FILES, outdated)
     }
-    let mut report = Report::new(&plan.study, &results)?;
-    report.notes += &scenes.warnings_as_markdown();
-    report.files.extend(learning::charts(&curves_of(&plan.study)?)?);
-    let record = StudyRecord::new(&plan.study, &results);
-    if plan.study.report.pictures {
-        gallery::write(run.folder(), &plan, &chosen, &results, &report)?;
+
+    /// Measures what no earlier run did.
+    fn measure(&self, run: &DatasetRun, chosen: &ChosenScenes) -> Result<Results> {
+        run.folder().inner(RESULTS.as_ref())?;
+        if self.plan.has_programs && self.part != Part::Join {
+            self.plan.write_logs_to(&output::log_folder(run.folder(), self.part)?);
+        }
+        let progress = Progress::new("measured", chosen.names.len());
+        let mut follow = Follow { progress, scenes: &self.scenes };
+        let store = StoredResults { folder: run.folder(), scenes: &self.scenes };
+        let results = runner::run(&self.plan, chosen, &store, &mut follow)?;
+        let [methods, scenes] = [count(self.plan.keys.len(), "method"), count(results.scenes.len(), "scene")];
+        follow.progress.finish(&format!("{methods} on {scenes}"));
+        Ok(results)
     }
-    write(run.folder(), &report, &record)?;
-    // A scene that is bad stays so; what the system refused is tried again.
-    let is_done = Counts::of(&records).retry == 0;
-    run.finish(Ended {
-        records: &records,
-        shards: &shards,
-        results: json!({"contents": scenes.describe()}),
-        seconds_per_attack: None,
-        has_pickles: false,
-        is_done,
-    })?;
-    if is_done {
-        run.folder().remove(RESULTS)?;
+
+    fn records(&self) -> Vec<SceneRecord> {
+        records(&self.scenes, &self.own, [&self.paths, &self.names])
     }
-    output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
-    let pictures = if plan.study.report.pictures { ", index.html with pictures" } else { "" };
-    progress::say(&format!("{}, {STUDY_RECORD}{pictures} are in `{}`", files_of(&report), out.display()));
-    Ok(scenes.outcome())
+
+    /// Records of the scenes of a shard, with their results.
+    fn shard_records(&self, folder: &Folder) -> Result<Vec<SceneRecord>> {
+        let stored = |(record, number): (SceneRecord, &usize)| -> Result<SceneRecord> {
+            let file = format!("{RESULTS}/{}", result_file(*number));
+            let is_there = folder.path().join(&file).is_file();
+            record.with_files(folder.path(), is_there.then_some(&*file))
+        };
+        self.records().into_iter().zip(&self.own).map(stored).collect()
+    }
+
+    /// Writes and prints the report.
+    ///
+    /// *Errors*: nothing could be measured; a file that cannot be written.
+    fn report(
+        &self,
+        run: DatasetRun,
+        chosen: &ChosenScenes,
+        results: &Results,
+        shards: &[ShardState],
+    ) -> Result<()> {
+        if !results.cells.iter().flatten().any(|cell| cell.error.is_empty()) {
+            let error = anyhow!("nothing could be measured in any of {} scenes", chosen.names.len());
+            return Err(EndsWith(Outcome::BadScenes, error).into());
+        }
+        let study = &self.plan.study;
+        let mut report = Report::new(study, results)?;
+        report.notes += &self.scenes.warnings_as_markdown();
+        report.files.extend(learning::charts(&curves_of(study)?)?);
+        if study.report.pictures {
+            gallery::write(run.folder(), &self.plan, chosen, results, &report)?;
+        }
+        write(run.folder(), &report, &StudyRecord::new(study, results))?;
+        let records = self.records();
+        // A scene that is bad stays so; what the system refused is tried again.
+        let is_done = Counts::of(&records).retry == 0;
+        run.finish(Ended {
+            records: &records,
+            shards,
+            results: json!({"contents": self.scenes.describe()}),
+            seconds_per_attack: None,
+            has_pickles: false,
+            is_done,
+        })?;
+        if is_done {
+            run.folder().remove(RESULTS)?;
+        }
+        output::print(&if self.args.wide { report.markdown() } else { report.terminal() })?;
+        let pictures = if study.report.pictures { ", index.html with pictures" } else { "" };
+        let out = run.folder().path().display();
+        progress::say(&format!("{}, {STUDY_RECORD}{pictures} are in `{out}`", files_of(&report)));
+        Ok(())
+    }
 }
 
 /// The learning curves of the trainings of a study that have them: names and texts.

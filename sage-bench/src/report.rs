@@ -120,17 +120,30 @@ fn cell(metric: &MetricRecord, estimate: Option<Estimate>, deviation: Option<f64
 }
 
 /// Names of a method in the columns that distinguish it: arm, attack.
-fn named(results: &Results, method: usize, has: [bool; 2]) -> Vec<String> {
+fn named(results: &Results, method: usize, has: NameColumns) -> Vec<String> {
     let key = &results.keys[method];
-    let names = [key.arm.clone(), key.attack_label()];
-    names.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name).collect()
+    has.of(key.arm.clone(), key.attack_label())
 }
 
-/// Whether the arm and the attack of some methods have to be shown.
-fn shown(results: &Results, methods: &[usize]) -> [bool; 2] {
+/// Columns that name a method.
+#[derive(Clone, Copy)]
+struct NameColumns {
+    arm: bool,
+    attack: bool,
+}
+
+impl NameColumns {
+    /// The cells of a row that there are columns for.
+    fn of<T>(self, arm: T, attack: T) -> Vec<T> {
+        self.arm.then_some(arm).into_iter().chain(self.attack.then_some(attack)).collect()
+    }
+}
+
+/// The columns that tell some methods apart.
+fn name_columns(results: &Results, methods: &[usize]) -> NameColumns {
     let arms = methods.iter().any(|k| results.keys[*k].arm != results.keys[methods[0]].arm);
     let attacks = methods.iter().any(|k| !results.keys[*k].attack_label().is_empty());
-    [arms || !attacks, attacks]
+    NameColumns { arm: arms || !attacks, attack: attacks }
 }
 
 /// Estimates of all metrics of all methods, made once.
@@ -166,7 +179,7 @@ impl Estimates {
 /// The table of a subject; `None` if the study shows no column of it.
 fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) -> Result<Option<Table>> {
     let methods = results.methods(subject);
-    let has = shown(results, &methods);
+    let has = name_columns(results, &methods);
     let metrics = results.metrics_of(subject);
     let columns: Vec<usize> = match study.report.columns.get(&subject) {
         Some(names) => names.iter().filter_map(|name| results.metric(subject, name)).collect(),
@@ -179,9 +192,8 @@ fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) ->
     let knows = methods.iter().any(|k| !results.keys[*k].knows.is_empty());
     let fails = methods.iter().any(|k| results.failed(*k) > 0);
     let seeds = methods.iter().any(|k| results.keys[*k].training_seed.is_some());
-    let names = ["arm", if subject == Subject::Policy { "point" } else { "generator" }];
-    let mut heads: Vec<String> =
-        names.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name.to_owned()).collect();
+    let attack = if subject == Subject::Policy { "point" } else { "generator" };
+    let mut heads = has.of("arm".to_owned(), attack.to_owned());
     let names = heads.len();
     heads.extend(seeds.then(|| "seeds".to_owned()));
     heads.push("N".to_owned());
@@ -240,13 +252,8 @@ fn types(results: &Results) -> Option<Table> {
         return None;
     }
     let methods = results.methods(subject);
-    let has = shown(results, &methods);
-    let mut heads: Vec<String> = ["arm", "generator"]
-        .into_iter()
-        .zip(has)
-        .filter(|(_, has)| *has)
-        .map(|(name, _)| name.to_owned())
-        .collect();
+    let has = name_columns(results, &methods);
+    let mut heads = has.of("arm".to_owned(), "generator".to_owned());
     let names = heads.len();
     heads.extend(types.iter().map(|k| metrics[*k].name[TYPE.len()..].to_owned()));
     heads.push("none".to_owned());

@@ -240,18 +240,18 @@ impl Results {
             plain(&cell.agent),
         ];
         let made_against = self.is_transfer().then(|| plain(&key.made_against));
-        let row = |[metric, unit, value, note, error]: [&str; 5]| {
+        let row = |metric: &str, unit: &str, value: &str, note: &str, error: &str| {
             let tail = [metric, unit, value, note, error].map(str::to_owned);
             let last = std::iter::once(cell.key.to_string()).chain(made_against.clone());
             head.iter().cloned().chain(tail).chain(last).collect::<Vec<_>>()
         };
         if !cell.error.is_empty() {
-            return vec![row(["", "", "", "", &plain(&cell.error)])];
+            return vec![row("", "", "", "", &plain(&cell.error))];
         }
         let metrics = self.metrics_of(key.subject).iter().zip(&cell.values).enumerate();
         let rows = metrics.map(|(k, (metric, value))| {
             let note = cell.notes.iter().find(|(of, _)| *of == k).map_or("", |(_, note)| note);
-            row([&metric.name, &metric.unit, &number(*value), &plain(note), ""])
+            row(&metric.name, &metric.unit, &number(*value), &plain(note), "")
         });
         rows.collect()
     }

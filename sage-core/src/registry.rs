@@ -50,6 +50,13 @@ pub struct Registry<T: ?Sized> {
     entries: Vec<Registered<T>>,
 }
 
+/// What an entry says of itself.
+struct About {
+    name: &'static str,
+    summary: &'static str,
+    source: &'static str,
+}
+
 impl<T: ?Sized> Registry<T> {
     /// An empty registry of a kind such as "reward".
     pub fn new(kind: &'static str) -> Self {
@@ -60,7 +67,11 @@ impl<T: ?Sized> Registry<T> {
     ///
     /// *Errors*: [`Error::Duplicate`] if its name is taken.
     pub fn with<E: Entry<T>>(self) -> Result<Self, Error> {
-        self.push::<E>([E::NAME, E::SUMMARY, E::SOURCE], &E::Options::default(), false)
+        self.push::<E>(
+            About { name: E::NAME, summary: E::SUMMARY, source: E::SOURCE },
+            &E::Options::default(),
+            false,
+        )
     }
 
     /// Adds an entry once more, under another name and with other defaults.
@@ -73,12 +84,12 @@ impl<T: ?Sized> Registry<T> {
         source: &'static str,
         defaults: &E::Options,
     ) -> Result<Self, Error> {
-        self.push::<E>([name, summary, source], defaults, true)
+        self.push::<E>(About { name, summary, source }, defaults, true)
     }
 
     fn push<E: Entry<T>>(
         mut self,
-        [name, summary, source]: [&'static str; 3],
+        About { name, summary, source }: About,
         defaults: &E::Options,
         is_preset: bool,
     ) -> Result<Self, Error> {

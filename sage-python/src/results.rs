@@ -7,7 +7,8 @@ use advsage::{
     rows::{
         contact::step,
         drive::{DriveRow, RowHead},
-        search::{FailureRow, RowHead as SearchHead, SceneRow},
+        failure::{FailureOf, FailureRow},
+        search::{RowHead as SearchHead, SceneRow},
     },
     scenario_files,
     search::PlanSources,
@@ -31,7 +32,7 @@ use sage_sim::{
 };
 use sage_view::{
     drawing::{self, Picture, drawn_path},
-    player,
+    player::{self, Page},
 };
 use serde_json::Value;
 
@@ -111,7 +112,16 @@ impl DriveResult<'_> {
         let adversary = plan.as_ref().map(|plan| &plan.motion).or(logged);
         let unattacked = self.attack.map(|attack| player::shown_part(attack.before));
         let panel = row.panel(self.ego.to_owned(), self.episode, adversary, unattacked);
-        Ok(player::page(self.scene, [self.name, ""], &[panel], &[], 1, None)?)
+        let page = Page {
+            scene: self.scene,
+            title: self.name,
+            subtitle: "",
+            panels: &[panel],
+            paths: &[],
+            columns: 1,
+            back: None,
+        };
+        Ok(player::page(&page)?)
     }
 }
 
@@ -119,24 +129,17 @@ impl DriveResult<'_> {
 ///
 /// *Errors*: none but those of JSON.
 pub(crate) fn search_rows(
-    [scene, ego, adversary]: [&str; 3],
-    seed: u64,
+    head: &SearchHead,
     require: Requirement,
     before: &Drive,
-    (pool, result): (&Pool, &SearchResult),
+    pool: &Pool,
+    result: &SearchResult,
     plans: &PlanSources,
 ) -> Result<(Value, Vec<Value>)> {
-    let head = SearchHead {
-        run_hash: String::new(),
-        scene: scene.to_owned(),
-        ego: ego.to_owned(),
-        source_hash: String::new(),
-        seed,
-        adversary: adversary.to_owned(),
-    };
-    let failures = result.failures.iter().enumerate().map(|(k, failure)| {
-        let source = plans.source(pool.plans[result.driven[failure.drive].plan].source);
-        let row = FailureRow::new(&head, k + 1, None, (pool, result), failure, source);
+    let failures = (0..result.failures.len()).map(|number| {
+        let found = FailureOf { pool, result, number };
+        let source = plans.source(pool.plans[found.evaluated().plan].source);
+        let row = FailureRow::new(head, found, None, source);
         Ok(without_run(serde_json::to_value(row)?))
     });
     let failures = failures.collect::<Result<_>>()?;

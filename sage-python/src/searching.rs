@@ -6,6 +6,7 @@ use advsage::{
     GeneratorSpec,
     named_search::{NamedSearch, SearchSpec},
     prepared::DriverInScene,
+    rows::search::RowHead,
 };
 use anyhow::Result;
 use pyo3::{
@@ -61,15 +62,16 @@ impl Searcher {
             }
             .into());
         }
-        let names = [&*scene.name, &self.driver.label, &driver.ctx.adversary().id];
-        search_rows(
-            names,
-            self.seed,
-            self.options.require,
-            driver.test.unattacked(),
-            (pool, result),
-            &self.named.plans,
-        )
+        let head = RowHead {
+            run_hash: String::new(),
+            scene: scene.name.clone(),
+            ego: self.driver.label.clone(),
+            source_hash: String::new(),
+            seed: self.seed,
+            adversary: driver.ctx.adversary().id.clone(),
+        };
+        let before = driver.test.unattacked();
+        search_rows(&head, self.options.require, before, pool, result, &self.named.plans)
     }
 }
 

@@ -21,7 +21,7 @@ use crate::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, State},
     printing, progress,
-    scene_queue::{self, Input, Report, Scenes, Worked, is_row_of, work_on},
+    scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, is_row_of, work_on},
 };
 
 pub use options::GenerateOptions;
@@ -46,7 +46,12 @@ pub fn run(options: &GenerateOptions, part: Part, registries: &Registries) -> Re
     let run = DatasetRun::start(out, plan.identity()?, options.force, part, &[MANIFEST], outdated)?;
     output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&plan.ego))?;
     let report = |count| {
-        let report = Report::new(run.folder().path(), options.json, count, ["attacked", "attempt"]);
+        let report = Report::new(
+            run.folder().path(),
+            options.json,
+            count,
+            ReportWords { done: "attacked", result: "attempt" },
+        );
         if options.quiet { report.quiet() } else { report }
     };
     let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&plan, &run, input))?;

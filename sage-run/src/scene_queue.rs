@@ -27,7 +27,7 @@ use crate::{
 };
 
 pub use job::{FoundRow, SceneFile, SceneJob, work_on};
-pub use report::{Line, Report, SceneReport};
+pub use report::{Line, Report, ReportWords, SceneReport};
 
 /// A scene file with the name of its outputs.
 pub struct Input {

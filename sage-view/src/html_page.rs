@@ -19,11 +19,25 @@ pub fn embedded(data: &impl Serialize) -> Result<String> {
     Ok(serde_json::to_string(data)?.replace('<', "\\u003c"))
 }
 
-/// A page of a body with its parts in place of `{{STYLE}}`, `{{SCRIPT}}`, `{{TITLE}}` and `{{DATA}}`, and the glossary in place
-/// of `{{WORDS}}`.
+/// The parts of a page: its body, and what takes the places of `{{STYLE}}`, `{{SCRIPT}}`, `{{TITLE}}` and `{{DATA}}` in it.
+#[derive(Clone, Copy, Debug)]
+pub struct PageParts<'a> {
+    /// HTML.
+    pub body: &'a str,
+    /// CSS.
+    pub style: &'a str,
+    /// JavaScript.
+    pub script: &'a str,
+    /// Plain text.
+    pub title: &'a str,
+    /// JSON, from [`embedded`].
+    pub data: &'a str,
+}
+
+/// The page of its parts, with the glossary in place of `{{WORDS}}`.
 ///
-/// *Errors*: a template without the places for title and data.
-pub fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
+/// *Errors*: a body without the places for title and data.
+pub fn assembled(PageParts { body, style, script, title, data }: PageParts) -> Result<String> {
     let title = escaped_html(title);
     // The data come last: a title may hold the name of another part.
     let page = [HEAD, body, TAIL].concat().replace("{{WORDS}}", &glossary::html());
@@ -66,7 +80,8 @@ mod tests {
     fn titles_and_data_end_no_element_and_name_no_part() {
         let body = "<body><main></main>\n";
         let data = embedded(&"</script>{{SCRIPT}}").unwrap();
-        let page = assembled(body, ["s", "j", "<b>{{DATA}}", &data]).unwrap();
+        let parts = PageParts { body, style: "s", script: "j", title: "<b>{{DATA}}", data: &data };
+        let page = assembled(parts).unwrap();
         assert!(page.contains("<title>&lt;b&gt;{{DATA}}</title>") && page.contains("<style>\ns\n</style>"));
         assert!(
             page.contains("json\">\"\\u003c/script>{{SCRIPT}}\"</script>\n<script>\nj\n</script>"),

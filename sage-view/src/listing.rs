@@ -6,7 +6,7 @@ pub mod road;
 use serde::Serialize;
 use serde_json::Result;
 
-use crate::html_page;
+use crate::html_page::{self, PageParts};
 use road::RoadLine;
 
 const PAGE: &str = include_str!("listing/page.html");
@@ -34,5 +34,6 @@ pub struct ListedScene<'a> {
 pub fn page(title: &str, fields: &str, data: &impl Serialize) -> Result<String> {
     let [shared @ .., list] = SCRIPTS;
     let script = [&shared[..], &[fields, list]].concat().join("\n");
-    html_page::assembled(PAGE, [STYLE, &script, title, &html_page::embedded(data)?])
+    let data = html_page::embedded(data)?;
+    html_page::assembled(PageParts { body: PAGE, style: STYLE, script: &script, title, data: &data })
 }

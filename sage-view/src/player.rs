@@ -11,6 +11,7 @@ use sage_core::{
     motion::{DT, NOW},
     scene::{Scene, Track, TrackKind},
     selection_outcome::{CandidateKind, Mark},
+    text::escaped_name,
 };
 use sage_sim::{
     body::BodyShape,
@@ -22,7 +23,7 @@ use sage_sim::{
 use serde::Serialize;
 use serde_json::Result;
 
-use crate::html_page;
+use crate::html_page::{self, PageParts};
 use encoding::{EncodedBody, FrameState};
 use map::EncodedFeature;
 
@@ -192,19 +193,31 @@ struct EncodedContact {
     y: i64,
 }
 
-/// The page. `columns` is the number of drives in a row, if there is room; `back` is a link to the page that lists all.
+/// A page of drives in one scene.
+#[derive(Clone, Copy)]
+pub struct Page<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// What the page is called.
+    pub title: &'a str,
+    /// What is said below.
+    pub subtitle: &'a str,
+    /// The drives.
+    pub panels: &'a [Panel<'a>],
+    /// Candidates that were not chosen, by their numbers in the panels.
+    pub paths: &'a [Path],
+    /// Number of drives in a row, if there is room.
+    pub columns: usize,
+    /// Link to the page that lists all.
+    pub back: Option<&'a str>,
+}
+
+/// The text of a page.
 ///
 /// *Errors*: a template without the places for title and data.
-pub fn page(
-    scene: &Scene,
-    [title, subtitle]: [&str; 2],
-    panels: &[Panel],
-    paths: &[Path],
-    columns: usize,
-    back: Option<&str>,
-) -> Result<String> {
-    let [title, subtitle] = [title, subtitle].map(sage_core::text::escaped_name);
-    let (title, subtitle) = (&*title, &*subtitle);
+pub fn page(page: &Page) -> Result<String> {
+    let Page { scene, title, subtitle, panels, paths, columns, back } = *page;
+    let (title, subtitle) = (&*escaped_name(title), &*escaped_name(subtitle));
     // World coordinates reach 100 km, so the page counts from the ego's start.
     let origin = scene.ego().point(0);
     let driven = Aabb::of(panels.iter().flat_map(|panel| {
@@ -232,7 +245,7 @@ pub fn page(
             break;
         }
     }
-    html_page::assembled(PAGE, [STYLE, SCRIPT, title, &text])
+    html_page::assembled(PageParts { body: PAGE, style: STYLE, script: SCRIPT, title, data: &text })
 }
 
 /// All road users besides ego and adversary that come near.

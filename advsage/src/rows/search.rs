@@ -8,16 +8,13 @@ use sage_core::{
     text::{count, escaped_name},
 };
 use sage_sim::{
-    avoidable::{Avoidable, earlier_names},
+    avoidable::earlier_names,
     reference::Answer,
-    search::{
-        Circumstances, Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement,
-        SearchResult,
-    },
+    search::{Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement, SearchResult},
 };
 use serde::{Deserialize, Serialize};
 
-use super::{GeneratedBy, ROW_LIMIT, plan::PlanRow};
+use super::{ROW_LIMIT, plan::PlanRow};
 use crate::operating_point::RowKey;
 
 /// Name of the row of a scene.
@@ -132,77 +129,6 @@ pub struct FoundFailure {
     reward: f64,
     #[serde(flatten, with = "earlier_names::latest_start")]
     latest_start: Option<f64>,
-}
-
-/// The row of a failure: like that of `sage generate`, and as `sage simulate --attack` reads it.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct FailureRow {
-    /// What every row begins with.
-    #[serde(flatten)]
-    pub head: RowHead,
-    /// Name of the failure, as in file names.
-    pub variant: String,
-    /// The scene files of this attack.
-    pub files: Vec<String>,
-    /// How its plan was made.
-    #[serde(flatten)]
-    pub generated: Option<GeneratedBy>,
-    /// The adversary's plan.
-    pub trajectory: Trajectory,
-    /// Whether the plan is feasible.
-    pub feasible: bool,
-    /// Its drive, 1 the first.
-    pub drive: usize,
-    /// Where its plan comes from.
-    pub plan: PlanRow,
-    /// What the attacked drive was found to be.
-    #[serde(flatten)]
-    pub evaluated: EvaluatedRow,
-    /// Where the adversary comes from, red lights, solid lines and the right of way.
-    pub circumstances: Option<Circumstances>,
-    /// Box centre and heading of the ego at frames 0 to *now*.
-    pub ego_history: Vec<[f64; 3]>,
-    /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
-    pub ego_path: Vec<[f64; 3]>,
-    /// Whether an evasive manoeuvre exists.
-    #[serde(flatten)]
-    pub avoidable: Avoidable,
-}
-
-impl FailureRow {
-    /// The row of a failure without its files; `number` counts from 1, `source` is that of its plan.
-    pub fn new(
-        head: &RowHead,
-        number: usize,
-        generated: Option<GeneratedBy>,
-        (pool, result): (&Pool, &SearchResult),
-        failure: &Failure,
-        source: Option<&RowKey>,
-    ) -> Self {
-        let evaluated = &result.driven[failure.drive];
-        let path = failure.path.positions.iter().zip(&failure.path.headings);
-        Self {
-            head: head.clone(),
-            variant: failure_name(number),
-            files: Vec::new(),
-            generated,
-            trajectory: pool.plans[evaluated.plan].proposal.trajectory.clone(),
-            feasible: true,
-            drive: failure.drive + 1,
-            plan: PlanRow::new(pool, evaluated.plan, source),
-            evaluated: EvaluatedRow::of(evaluated),
-            circumstances: failure.circumstances,
-            ego_history: failure.path.history.to_vec(),
-            ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
-            avoidable: failure.avoidable.clone(),
-        }
-    }
-
-    /// The reference driver that prevents the contact.
-    pub fn prevented_by(&self) -> Option<&str> {
-        let prevents = self.evaluated.references.iter().find(|answer| answer.prevents == Some(true));
-        prevents.map(|answer| &*answer.reference)
-    }
 }
 
 /// What an attacked drive was found to be.

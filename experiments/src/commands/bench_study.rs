@@ -143,7 +143,7 @@ impl<'a> Job<'a> {
     }
 
     fn records(&self) -> Vec<SceneRecord> {
-        records(&self.scenes, &self.own, [&self.paths, &self.names])
+        records(&self.scenes, &self.own, &self.paths, &self.names)
     }
 
     /// Records of the scenes of a shard, with their results.

@@ -5,7 +5,7 @@ mod entry;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-use advsage::rows::search::{FailureRow, SceneRow};
+use advsage::rows::{failure::FailureRow, search::SceneRow};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_core::{files, geometry::Aabb};

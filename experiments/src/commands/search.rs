@@ -18,7 +18,7 @@ use sage_run::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part},
     progress,
-    scene_queue::{self, Input, Report, Scenes, Worked, is_row_of, work_on},
+    scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, is_row_of, work_on},
 };
 
 use crate::cli::{Keep, SearchArgs};
@@ -39,7 +39,9 @@ pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Res
     };
     let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
     output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&searcher.ego))?;
-    let report = |count| Report::new(run.folder().path(), args.json, count, ["searched", "scene"]);
+    let report = |count| {
+        Report::new(run.folder().path(), args.json, count, ReportWords { done: "searched", result: "scene" })
+    };
     let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&searcher, &run, input))?;
     let (records, shown) = (&worked.records, scenes.reported_by(part));
     let rows = shown.into_iter().filter_map(|input| done(run.folder().path(), run.hash(), input));

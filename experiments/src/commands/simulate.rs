@@ -21,7 +21,7 @@ use sage_run::{
     Outcome, networks,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
     progress,
-    scene_queue::{self, Input, Report, Scenes, Worked, work_on},
+    scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, work_on},
 };
 use serde_json::{Value, json};
 
@@ -185,7 +185,9 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
     };
     let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
     output::keep_planner_logs(run.folder(), part, &simulation.egos)?;
-    let report = |count| Report::new(run.folder().path(), args.json, count, ["driven", "drive"]);
+    let report = |count| {
+        Report::new(run.folder().path(), args.json, count, ReportWords { done: "driven", result: "drive" })
+    };
     let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&simulation, &run, input))?;
     let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
     match part {

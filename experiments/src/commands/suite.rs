@@ -7,7 +7,10 @@ use std::collections::{HashMap, HashSet};
 use advsage::{
     Registries,
     attacked_files::{Attack, AttackedFiles, names_of_file},
-    rows::search::{FailureRow, SceneRow, failure_name},
+    rows::{
+        failure::FailureRow,
+        search::{SceneRow, failure_name},
+    },
 };
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
@@ -39,14 +42,38 @@ struct Maker<'a> {
     scenes: HashMap<String, String>,
     /// Names of the tests.
     names: HashSet<String>,
-    /// Scene, plan and adversary of each test: a failure that two searches have found is one test.
-    known: HashSet<[String; 3]>,
+    /// What each test is: a failure that two searches have found is one test.
+    known: HashSet<KnownTest>,
+}
+
+/// What makes two tests the same.
+#[derive(PartialEq, Eq, Hash)]
+struct KnownTest {
+    scene_hash: String,
+    plan_hash: String,
+    adversary: String,
+}
+
+/// A scene of the suite.
+struct StoredScene<'a> {
+    file: &'a str,
+    hash: &'a str,
+}
+
+/// Where a failure stands.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Place {
+    /// Number of its search.
+    search: usize,
+    /// Number of the row of its scene.
+    row: usize,
+    /// Its own, 1 the first found.
+    failure: usize,
 }
 
 /// A failure that may become a test.
 struct Candidate {
-    /// Number of its search, of the row of its scene, and its own, 1 the first found.
-    place: [usize; 3],
+    place: Place,
     reward: f64,
     features: Features,
 }
@@ -95,9 +122,10 @@ pub(crate) fn run(args: &SuiteArgs, registries: &Registries) -> Result<Outcome> 
     };
     let mut maker =
         Maker { args, folder, suite, scenes: HashMap::new(), names: HashSet::new(), known: HashSet::new() };
-    let of_scene = |a: &Candidate, b: &Candidate| a.place[..2] == b.place[..2];
+    let of_scene =
+        |a: &Candidate, b: &Candidate| (a.place.search, a.place.row) == (b.place.search, b.place.row);
     for candidates in candidates.chunk_by(of_scene) {
-        let [search, row, _] = candidates[0].place;
+        let Place { search, row, .. } = candidates[0].place;
         let (search, row) = (&searches[search], &searches[search].rows[row]);
         maker.add_scene(search, row, candidates).with_context(|| of_row(search, row))?;
     }
@@ -173,7 +201,11 @@ fn candidates(searches: &[Found], args: &SuiteArgs) -> Result<Vec<Candidate>> {
                 let failure = search.failure(row, number)?;
                 let features = scene.driven(&failure).and_then(|driven| driven.features(&failure));
                 let features = features.with_context(|| failure_name(number))?;
-                Ok(Candidate { place: [s, r, number], reward: failure.evaluated.reward, features })
+                Ok(Candidate {
+                    place: Place { search: s, row: r, failure: number },
+                    reward: failure.evaluated.reward,
+                    features,
+                })
             };
             keep.numbers(row).into_iter().map(candidate).collect()
         };
@@ -197,9 +229,10 @@ impl Maker<'_> {
         self.folder.write(&format!("{SCENES}/{file}"), &bytes)?;
         self.scenes.insert(scene_hash.clone(), file.clone());
         let recording = Recording::from_bytes(&source, bytes)?;
-        for Candidate { place: [_, _, number], features, .. } in candidates {
-            let failure = search.failure(row, *number)?;
-            self.add_test(&recording, &name, (*number, features), [&file, &scene_hash], failure)?;
+        for Candidate { place, features, .. } in candidates {
+            let failure = search.failure(row, place.failure)?;
+            let stored = StoredScene { file: &file, hash: &scene_hash };
+            self.add_test(&recording, &name, stored, place.failure, features, failure)?;
         }
         Ok(())
     }
@@ -208,12 +241,18 @@ impl Maker<'_> {
         &mut self,
         recording: &Recording,
         scene: &str,
-        (number, features): (usize, &Features),
-        [file, scene_hash]: [&String; 2],
+        stored: StoredScene,
+        number: usize,
+        features: &Features,
         failure: FailureRow,
     ) -> Result<()> {
         let plan_hash = plan_hash(&failure.trajectory);
-        if !self.known.insert([scene_hash.clone(), plan_hash.clone(), failure.head.adversary.clone()]) {
+        let known = KnownTest {
+            scene_hash: stored.hash.to_owned(),
+            plan_hash: plan_hash.clone(),
+            adversary: failure.head.adversary.clone(),
+        };
+        if !self.known.insert(known) {
             return Ok(());
         }
         let driver = without_folders(&failure.head.ego);
@@ -252,8 +291,8 @@ impl Maker<'_> {
         }
         self.suite.tests.push(SuiteTest {
             name: format!("{scene}-{variant}"),
-            scene: file.clone(),
-            scene_hash: scene_hash.clone(),
+            scene: stored.file.to_owned(),
+            scene_hash: stored.hash.to_owned(),
             adversary: head.adversary,
             seed: head.seed,
             plan_hash,

@@ -60,7 +60,7 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
             });
         groups[place].push(test);
     }
-    let driven = groups.par_iter().map(|tests| drive((&args.suite, &suite), &*rule, &ego, tests, asked));
+    let driven = groups.par_iter().map(|tests| drive(&args.suite, &suite, &*rule, &ego, tests, asked));
     // The first error in the order of the suite, whichever thread meets one first.
     let driven: Vec<Result<Vec<ResultRow>>> = driven.collect();
     let driven = driven.into_iter().collect::<Result<Vec<_>>>()?;
@@ -156,7 +156,8 @@ fn earlier(path: &Path, suite: &Suite, ego: &str) -> Result<Earlier> {
 ///
 /// *Errors*: the scene is not the one that the suite was made with.
 fn drive<'s>(
-    (folder, suite): (&Path, &Suite),
+    folder: &Path,
+    suite: &Suite,
     rule: &dyn Feasibility,
     ego: &'s Ego,
     tests: &[&'s SuiteTest],

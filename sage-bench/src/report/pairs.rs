@@ -4,7 +4,7 @@ use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_core::text::table::Table;
 
-use super::{named, shown};
+use super::{name_columns, named};
 use crate::{
     rows::{Key, Results},
     study::{PairSpec, Study},
@@ -95,7 +95,7 @@ fn table(spec: &PairSpec, results: &Results) -> Result<Option<Table>> {
         return Ok(None);
     }
     let all: Vec<usize> = pairs.iter().flatten().copied().collect();
-    let has = shown(results, &all);
+    let has = name_columns(results, &all);
     let label = |k: usize| named(results, k, has).join(", ");
     let mut heads = ["A", "B", "N"].map(str::to_owned).to_vec();
     for name in &spec.metrics {

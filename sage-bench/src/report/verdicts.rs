@@ -7,7 +7,7 @@ use sage_core::{
     text::table::Table,
 };
 
-use super::{Estimates, cell, named, shown};
+use super::{Estimates, cell, name_columns, named};
 use crate::{
     published::{Published, published},
     rows::{Key, Results, Subject},
@@ -144,7 +144,7 @@ fn differences(
     if methods.is_empty() {
         return None;
     }
-    let has = shown(results, &methods);
+    let has = name_columns(results, &methods);
     let mut rows = Vec::new();
     for (method, theirs) in compared {
         for (k, metric) in results.metrics_of(subject).iter().enumerate() {
@@ -167,9 +167,9 @@ fn differences(
     if rows.is_empty() {
         return None;
     }
-    let names = has.iter().filter(|has| **has).count();
-    let heads = ["arm", "generator"].into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name);
-    let heads = heads.chain(["metric", "ours", "paper", "difference", "verdict"]);
+    let heads = has.of("arm", "generator");
+    let names = heads.len();
+    let heads = heads.into_iter().chain(["metric", "ours", "paper", "difference", "verdict"]);
     let title = "Ours less the paper's. *Reproduced*: the interval of the difference, with the paper's own error, holds 0 and its half-width is at most that of the study; *cannot be told*: it holds 0 and is wider:";
     Some(Table { title: title.to_owned(), heads: heads.map(str::to_owned).collect(), rows, names })
 }
@@ -186,7 +186,7 @@ fn orderings(
     if methods.is_empty() {
         return None;
     }
-    let has = shown(results, &methods);
+    let has = name_columns(results, &methods);
     let row_of_reference = published.iter().find(|row| row.attack.contains(reference))?;
     let mut rows = Vec::new();
     for (method, theirs) in compared.iter().filter(|(_, row)| !std::ptr::eq(*row, row_of_reference)) {
@@ -219,9 +219,10 @@ fn orderings(
     if rows.is_empty() {
         return None;
     }
-    let names = has.iter().filter(|has| **has).count();
-    let heads = ["arm", "generator"].into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name);
-    let heads = heads.chain(["less", "metric", "ours", "paper", "verdict"]).map(str::to_owned).collect();
+    let heads = has.of("arm", "generator");
+    let names = heads.len();
+    let heads =
+        heads.into_iter().chain(["less", "metric", "ours", "paper", "verdict"]).map(str::to_owned).collect();
     let title = "The paper's orderings, where its difference exceeds its own error; ours paired by scene:";
     Some(Table { title: title.to_owned(), heads, rows, names })
 }

@@ -100,7 +100,7 @@ impl<'w> SceneWriter<'w> {
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let scorer = Scorer::with(ctx, &generator.further);
         let mut scored = ScoredCandidates::new(ctx, scorer, objective, &avoidance);
-        let measured = measured(&attacks, &mut scored, ctx, (&plan.ego, test.as_ref()), seed)?;
+        let measured = measured(&attacks, &mut scored, ctx, &plan.ego, test.as_ref(), seed)?;
         let scenarios = files.scenarios(&scene);
         let mut lines = Vec::with_capacity(measured.len());
         let (mut written_files, command) = (Vec::new(), output::command());

@@ -35,7 +35,8 @@ pub(super) fn measured<'a>(
     attacks: &'a [Attack],
     scored: &mut ScoredCandidates,
     ctx: &Context,
-    (ego, test): (&'a Ego, Option<&AttackTest<'a>>),
+    ego: &'a Ego,
+    test: Option<&AttackTest<'a>>,
     seed: u64,
 ) -> Result<Vec<MeasuredAttack<'a>>> {
     let mut r157 = None;

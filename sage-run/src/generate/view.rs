@@ -14,7 +14,7 @@ use sage_core::{
 use sage_sim::{avoidable::Avoidable, vehicle::Motion};
 use sage_view::{
     drawing::{self, DrawnPath, Picture, drawn_path},
-    player::{self, Meeting, Panel, Path, Sweep},
+    player::{self, Meeting, Page, Panel, Path, Sweep},
 };
 
 use super::{
@@ -91,7 +91,16 @@ impl SceneView<'_> {
         }
         let generator = &self.plan.generator;
         let subtitle = format!("attacks by {}", generator.method);
-        Ok(player::page(scene, [self.name, &subtitle], &panels, &paths.all, MOST_BESIDE, Some(INDEX))?)
+        let page = Page {
+            scene,
+            title: self.name,
+            subtitle: &subtitle,
+            panels: &panels,
+            paths: &paths.all,
+            columns: MOST_BESIDE,
+            back: Some(INDEX),
+        };
+        Ok(player::page(&page)?)
     }
 
     fn drawn(&self) -> Vec<DrawnPath> {

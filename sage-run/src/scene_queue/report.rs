@@ -74,15 +74,23 @@ struct ReportState {
     warnings: BTreeMap<&'static str, usize>,
 }
 
+/// Words of a report.
+#[derive(Clone, Copy, Debug)]
+pub struct ReportWords {
+    /// What is done to a scene: a participle.
+    pub done: &'static str,
+    /// What one line is: a noun.
+    pub result: &'static str,
+}
+
 impl Report {
-    /// A report for a number of scenes with rows in a folder. The words are a participle for what is done to a
-    /// scene, and a noun for a line.
-    pub fn new(folder: &Path, json: bool, scenes: usize, [verb, result]: [&'static str; 2]) -> Self {
+    /// A report for a number of scenes with rows in a folder.
+    pub fn new(folder: &Path, json: bool, scenes: usize, ReportWords { done, result }: ReportWords) -> Self {
         let state = ReportState {
             next: 0,
             waiting: BTreeMap::new(),
             is_open: true,
-            progress: Progress::new(verb, scenes),
+            progress: Progress::new(done, scenes),
             results: 0,
             failed: 0,
             left_out: 0,

@@ -106,7 +106,8 @@ impl Store for StoredResults<'_> {
 pub(super) fn records(
     scenes: &Scenes,
     numbers: &[usize],
-    [paths, names]: [&[String]; 2],
+    paths: &[String],
+    names: &[String],
 ) -> Vec<SceneRecord> {
     let record = |number: &usize| {
         let name = &names[*number];

@@ -19,7 +19,7 @@ use sage_run::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
     progress,
-    scene_queue::{self, Failure, Input, Report, SceneReport, Scenes, Worked},
+    scene_queue::{self, Failure, Input, Report, ReportWords, SceneReport, Scenes, Worked},
 };
 use serde_json::json;
 
@@ -75,7 +75,9 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
     });
     let outdated = || vec![MANIFEST.to_owned()];
     let run = DatasetRun::start(out, identity, args.folder.force, part, &[MANIFEST], outdated)?;
-    let report = |count| Report::new(run.folder().path(), false, count, ["converted", "scene"]);
+    let report = |count| {
+        Report::new(run.folder().path(), false, count, ReportWords { done: "converted", result: "scene" })
+    };
     let worked = Worked::on(&scenes, part, &run, report, |input| source.convert(args, &run, input))?;
     let records = &worked.records;
     match part {

@@ -1,13 +1,13 @@
 //! The page of a scene: its failures in the player, from their rows alone.
 
-use advsage::rows::search::{FailureRow, SceneRow};
+use advsage::rows::{failure::FailureRow, search::SceneRow};
 use anyhow::Result;
 use sage_core::{
     motion::{DT, NOW},
     scene::Track,
 };
 use sage_sim::vehicle::Motion;
-use sage_view::player::{self, Meeting, Panel};
+use sage_view::player::{self, Meeting, Page, Panel};
 
 use super::{FILE, entry::Entry};
 use crate::commands::search::found::{FailureScene, without_folders};
@@ -40,8 +40,16 @@ pub(super) fn page(
     let panels: Vec<Panel> =
         parts.iter().zip(entries).map(|(part, entry)| panel(part, entry, &unattacked)).collect();
     let back = format!("../{FILE}");
-    let titles = [row.scene(), &format!("failures of {}", without_folders(row.ego()))];
-    Ok(player::page(scene.scene(), titles, &panels, &[], COLUMNS, Some(&back))?)
+    let page = Page {
+        scene: scene.scene(),
+        title: row.scene(),
+        subtitle: &format!("failures of {}", without_folders(row.ego())),
+        panels: &panels,
+        paths: &[],
+        columns: COLUMNS,
+        back: Some(&back),
+    };
+    Ok(player::page(&page)?)
 }
 
 fn panel<'p>(part: &'p Parts, entry: &Entry, unattacked: &'p [Motion]) -> Panel<'p> {

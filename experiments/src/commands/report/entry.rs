@@ -1,6 +1,6 @@
 //! What the page says of one failure.
 
-use advsage::rows::search::{FailureRow, failure_name};
+use advsage::rows::{failure::FailureRow, search::failure_name};
 use anyhow::{Context as _, Result};
 use sage_core::geometry::{Aabb, Point};
 use sage_sim::{

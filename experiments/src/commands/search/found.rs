@@ -5,7 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use advsage::rows::search::{FailureRow, SceneRow, failure_name, row_file, unchanged_file};
+use advsage::rows::{
+    failure::FailureRow,
+    search::{SceneRow, failure_name, row_file, unchanged_file},
+};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,

@@ -9,10 +9,11 @@ use advsage::{
     rows::{
         GeneratedBy,
         contact::step,
+        failure::{FailureOf, FailureRow},
         plan::PlanRow,
         search::{
-            DrivenRow, DrivesFile, EvaluatedRow, FailureRow, RowHead, SceneRow, drives_file, failure_name,
-            row_file, unchanged_file,
+            DrivenRow, DrivesFile, EvaluatedRow, RowHead, SceneRow, drives_file, failure_name, row_file,
+            unchanged_file,
         },
     },
 };
@@ -25,7 +26,7 @@ use sage_run::{
 };
 use sage_sim::{
     SimScene,
-    search::{Failure as DriverFailure, Pool, Reason, SearchResult},
+    search::{Pool, Reason, SearchResult},
     vehicle::Motion,
 };
 use sage_view::player::shown_part;
@@ -141,9 +142,9 @@ impl OneScene<'_> {
     ) -> Result<Vec<String>> {
         let scenarios = files.scenarios(scene);
         let mut names = Vec::new();
-        for (k, failure) in result.failures.iter().enumerate() {
-            let from = (files, scenarios.as_ref());
-            let written = self.one_failure(from, scene, head, (pool, result), (failure, k + 1))?;
+        for number in 0..result.failures.len() {
+            let found = FailureOf { pool, result, number };
+            let written = self.one_failure(files, scenarios.as_ref(), scene, head, found)?;
             self.run.folder().write_all(&written)?;
             names.extend(written.into_iter().map(|(name, _)| name));
         }
@@ -152,17 +153,17 @@ impl OneScene<'_> {
 
     fn one_failure(
         &self,
-        (files, scenarios): (&AttackedFiles, Option<&Scenarios>),
+        files: &AttackedFiles,
+        scenarios: Option<&Scenarios>,
         scene: &Scene,
         head: &RowHead,
-        found: (&Pool, &SearchResult),
-        (failure, number): (&DriverFailure, usize),
+        found: FailureOf,
     ) -> Result<Vec<(String, Vec<u8>)>> {
-        let (pool, evaluated) = (found.0, &found.1.driven[failure.drive]);
+        let evaluated = found.evaluated();
         let searcher = self.searcher;
-        let key = searcher.plans().source(pool.plans[evaluated.plan].source);
+        let key = searcher.plans().source(found.pool.plans[evaluated.plan].source);
         let generated = self.generated_by(key);
-        let mut row = FailureRow::new(head, number, Some(generated.clone()), found, failure, key);
+        let mut row = FailureRow::new(head, found, Some(generated.clone()), key);
         let attack = Attack {
             trajectory: &row.trajectory,
             variant: &row.variant,

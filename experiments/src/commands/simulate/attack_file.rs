@@ -2,12 +2,8 @@
 
 use std::path::Path;
 
-use advsage::rows::{
-    GeneratedBy, ROW_LIMIT,
-    attack::AttackRow,
-    search::{FailureRow, RowHead},
-};
-use anyhow::{Context as _, Result, bail, ensure};
+use advsage::rows::{GeneratedBy, ROW_LIMIT};
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{
     files,
     geometry::distance,
@@ -15,6 +11,8 @@ use sage_core::{
     scene::{Scene, Track},
 };
 use sage_data::Recording;
+use serde::Deserialize;
+use serde_json::Value;
 
 /// Way in one step that no vehicle covers, metres.
 const FAR: f64 = 10.0;
@@ -31,12 +29,23 @@ pub(super) struct AttackFile {
 }
 
 enum Content {
-    Row(GeneratedRow),
+    Row(PlannedRow),
     Scene(Box<Scene>),
 }
 
-/// The part of a row of `sage generate` or of a failure that a drive needs.
+/// The fields that the rows of an attack and of a failure share, as far as a drive needs them.
+#[derive(Deserialize)]
 struct GeneratedRow {
+    scene: String,
+    adversary: String,
+    source_hash: String,
+    trajectory: Value,
+    #[serde(flatten)]
+    generated: GeneratedBy,
+}
+
+/// The plan of a row, and what it is of.
+struct PlannedRow {
     scene: String,
     adversary: String,
     source_hash: String,
@@ -44,17 +53,12 @@ struct GeneratedRow {
 }
 
 /// Reads a row with a plan, and how it was made.
-fn read_row(bytes: &[u8]) -> serde_json::Result<(GeneratedRow, GeneratedBy)> {
-    if let Ok(FailureRow { head, trajectory, generated, .. }) = serde_json::from_slice(bytes) {
-        let RowHead { scene, adversary, source_hash, .. } = head;
-        return Ok((
-            GeneratedRow { scene, adversary, source_hash, trajectory },
-            generated.unwrap_or_default().of_plan(),
-        ));
-    }
-    let AttackRow { scene, adversary, source_hash, trajectory, generated, .. }: AttackRow =
+fn row(bytes: &[u8]) -> Result<(Content, GeneratedBy)> {
+    let GeneratedRow { scene, adversary, source_hash, trajectory, generated } =
         serde_json::from_slice(bytes)?;
-    Ok((GeneratedRow { scene, adversary, source_hash, trajectory }, generated.of_plan()))
+    let trajectory = serde_json::from_value(trajectory)
+        .map_err(|_| anyhow!("its field `trajectory` is not {HORIZON} times [x, y]"))?;
+    Ok((Content::Row(PlannedRow { scene, adversary, source_hash, trajectory }), generated.of_plan()))
 }
 
 impl AttackFile {
@@ -72,10 +76,10 @@ impl AttackFile {
         };
         let hash = blake3::hash(&bytes).to_hex()[..16].to_owned();
         let (content, generated) = if is_row {
-            let (row, generated) = read_row(&bytes).with_context(|| {
+            let (row, generated) = row(&bytes).with_context(|| {
                 format!("`{name}` is not a row of `sage generate`; --attack takes a row or an attacked scene")
             })?;
-            (Content::Row(row), generated)
+            (row, generated)
         } else {
             let recording = Recording::from_bytes(file, bytes)?;
             let generated = provenance(&recording)?;
@@ -121,7 +125,7 @@ impl AttackFile {
 
     fn of_row(
         &self,
-        row: &GeneratedRow,
+        row: &PlannedRow,
         scene: &Scene,
         scene_name: &str,
         source_hash: &str,

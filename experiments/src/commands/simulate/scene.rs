@@ -20,7 +20,7 @@ use sage_run::{
 use sage_sim::{
     SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, policy::Shown, traffic::Plan,
 };
-use sage_view::player::{self, Panel, Sweep};
+use sage_view::player::{self, Page, Panel, Sweep};
 
 use super::{Simulation, attacks::SceneAttacks};
 
@@ -258,8 +258,15 @@ impl SceneDrives<'_> {
         let panel = |driven| self.panel(driven, unattacked, adversary, per_ego > MOST_BESIDE);
         let panels: Vec<Panel> = rows.iter().filter_map(panel).collect();
         let columns = if per_ego > 1 { per_ego } else { rows.len() };
-        let titles = [self.name, &self.simulation.subtitle];
-        let page = player::page(scene, titles, &panels, &[], columns, None)?;
+        let page = player::page(&Page {
+            scene,
+            title: self.name,
+            subtitle: &self.simulation.subtitle,
+            panels: &panels,
+            paths: &[],
+            columns,
+            back: None,
+        })?;
         let mut all = vec![(page_file(self.name), page.into_bytes())];
         let (mut lines, mut failures) = (Vec::new(), Vec::new());
         let names: Vec<(usize, &str, String)> = self.simulation.files(self.name).collect();

@@ -99,7 +99,10 @@ fn a_program_that_depends_on_advsage_alone_reads_attacks_drives_searches_and_dra
     let program = build_template("library", folder.path());
     let drawing = folder.path().join("attacks.svg");
     let done = run(&program, &[&example(), text(&drawing)]);
-    assert_snapshot!(stdout(&done), @"");
+    assert_snapshot!(stdout(&done), @r"
+    attack on idm: true; contacts: 1
+    failures of idm: 28 in 64 drives
+    ");
     let svg = fs::read_to_string(&drawing).unwrap();
     assert!(["0.00", "0.50", "1.00"].iter().all(|label| svg.contains(label)), "a candidate is missing");
     let lines =

@@ -283,7 +283,11 @@ fn wrong_input_gets_an_error_that_names_it() {
         said.push((name.to_owned(), error(&["--ego", &format!("path:{}", text(&path))])));
     }
     let row = folder.path().join("row.json");
-    for wrong in ["[1]", "{}", r#"{"scene": "crossing", "source_hash": "0", "trajectory": [[1, 2, 3, 4]]}"#] {
+    for wrong in [
+        "[1]",
+        "{}",
+        r#"{"scene": "crossing", "adversary": "2", "source_hash": "0", "trajectory": [[1, 2, 3, 4]]}"#,
+    ] {
         fs::write(&row, wrong).unwrap();
         said.push((format!("--attack {wrong}"), error(&["--attack", text(&row)])));
     }

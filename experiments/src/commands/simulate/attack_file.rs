@@ -35,6 +35,7 @@ enum Content {
 
 /// The fields that the rows of an attack and of a failure share, as far as a drive needs them.
 #[derive(Deserialize)]
+#[serde(expecting = "a JSON object")]
 struct GeneratedRow {
     scene: String,
     adversary: String,

@@ -2,10 +2,10 @@
 
 use sage_core::{
     generator::Attack,
-    objective::{Context, FurtherMeasures},
+    objective::{Context, FurtherMeasures, ObjectiveSpec},
 };
 use sage_generators::Facts;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -18,6 +18,23 @@ use crate::{
     selection::Selection,
     weights::NamedExperts,
 };
+
+/// What identifies the attacks of a generator in the record of a run.
+#[derive(Clone, Debug, Serialize)]
+pub struct GeneratorIdentity<'a> {
+    method: String,
+    /// Hashes of networks and files by the name of the weights.
+    weights: Map<String, Value>,
+    /// Dials by the name of the weights.
+    dials: Map<String, Value>,
+    selection: &'a ObjectiveSpec,
+    variants: &'a [String],
+    seed: u64,
+    merger: String,
+    /// Hashes of files that the objective reads.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    contents: Vec<String>,
+}
 
 /// What a user says of a generator: the options of a command, the keywords of Python, and what a program sets. The texts describe the
 /// options of a command.
@@ -242,7 +259,7 @@ impl NamedGenerator {
     /// What identifies its attacks in the record of a run.
     ///
     /// *Errors*: none on a CPU.
-    pub fn identity(&self) -> Result<Map<String, Value>> {
+    pub fn identity(&self) -> Result<GeneratorIdentity<'_>> {
         let (mut weights, mut dials) = (Map::new(), Map::new());
         if let Some(NamedExperts { name, experts, .. }) = &self.weights {
             let mut hashes = weight_hashes(experts)?;
@@ -253,17 +270,16 @@ impl NamedGenerator {
                 dials.insert(name.clone(), json!(dial.map(|dial| dial.mu)));
             }
         }
-        let contents = self.selection.objective.contents();
-        let mut identity = json!({
-            "method": self.method.to_string(), "weights": weights, "dials": dials,
-            "selection": self.selection.objective.spec(), "variants": self.variants, "seed": self.spec.seed,
-            "merger": self.spec.merger.to_string(),
-        });
-        if !contents.is_empty() {
-            identity["contents"] = json!(contents);
-        }
-        let Value::Object(identity) = identity else { return Ok(Map::new()) };
-        Ok(identity)
+        Ok(GeneratorIdentity {
+            method: self.method.to_string(),
+            weights,
+            dials,
+            selection: self.selection.objective.spec(),
+            variants: &self.variants,
+            seed: self.spec.seed,
+            merger: self.spec.merger.to_string(),
+            contents: self.selection.objective.contents(),
+        })
     }
 
     /// How an attack at an operating point is generated, for its row and for the metadata of its scene files.

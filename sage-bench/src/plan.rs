@@ -6,13 +6,15 @@ use advsage::{
     driver_spec::DriverSpec,
     ego::{self, Ego},
     generators::weight_hashes,
+    operating_point::OperatingPointSpec,
     part::Part,
     search::{ONE_SHOT, POOL},
     selection::Selection,
 };
 use anyhow::{Result, bail, ensure};
-use sage_core::{generator::Attack, scene::SceneData};
-use serde_json::{Value, json};
+use sage_core::{generator::Attack, objective::ObjectiveSpec, scene::SceneData};
+use serde::Serialize;
+use serde_json::{Map, Value};
 
 use crate::{
     Registries,
@@ -25,6 +27,25 @@ use crate::{
     study::{PairSpec, Study},
 };
 
+/// What identifies the results of a study besides its scenes.
+#[derive(Clone, Debug, Serialize)]
+pub struct Identity {
+    study: Study,
+    selection: ObjectiveSpec,
+    /// Hashes of the networks of each group.
+    experts: Vec<Map<String, Value>>,
+    points: Vec<Vec<OperatingPointSpec>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    contents: Option<Contents>,
+    ego: Vec<Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    policies: Option<Value>,
+}
+
+/// Hashes of files that generators were built from, and of those that the objective reads.
+#[derive(Clone, Debug, Serialize)]
+struct Contents(Vec<Map<String, Value>>, Vec<String>);
+
 /// A study with all its parts.
 pub struct Plan {
     /// The study.
@@ -34,7 +55,7 @@ pub struct Plan {
     /// Metrics by what they are of.
     pub metrics: BTreeMap<Subject, Vec<MetricRecord>>,
     /// What identifies the results besides the scenes.
-    pub identity: Value,
+    pub identity: Identity,
     /// What the user should know of the parts.
     pub notes: Vec<String>,
     /// Whether a driver is a program, which keeps a log.
@@ -129,17 +150,19 @@ impl Plan {
         };
         let hashes =
             groups.iter().map(|group| Ok(weight_hashes(&group.experts)?)).collect::<Result<Vec<_>>>()?;
-        let mut identity = json!({
-            "study": study, "selection": selection.objective.spec(), "experts": hashes,
-            "points": groups.iter().map(|group| &group.points).collect::<Vec<_>>(),
-        });
         let built = groups.iter().flat_map(|group| &group.built);
-        let files: Vec<_> = built.map(|built| &built.files).filter(|files| !files.is_empty()).collect();
+        let files: Vec<_> =
+            built.map(|built| &built.files).filter(|files| !files.is_empty()).cloned().collect();
         let contents = selection.objective.contents();
-        if !files.is_empty() || !contents.is_empty() {
-            identity["contents"] = json!([files, contents]);
-        }
-        identity["ego"] = parts.iter().map(ego::identity).collect::<advsage::Result<Vec<_>>>()?.into();
+        let mut identity = Identity {
+            study: study.clone(),
+            selection: selection.objective.spec().clone(),
+            experts: hashes,
+            points: groups.iter().map(|group| group.points.clone()).collect(),
+            contents: (!files.is_empty() || !contents.is_empty()).then_some(Contents(files, contents)),
+            ego: parts.iter().map(ego::identity).collect::<advsage::Result<_>>()?,
+            policies: None,
+        };
         let mut measurements: Vec<Box<dyn Measurement>> = Vec::new();
         // Without generators that use networks, policies say nothing.
         let has_network = groups.iter().flat_map(|group| &group.built).any(|built| built.facts.needs_experts);
@@ -151,7 +174,7 @@ impl Plan {
         }
         if is_episodic {
             let episodes = Episodes::new(&study, registries, egos, groups)?;
-            identity["policies"] = episodes.identity();
+            identity.policies = Some(episodes.identity());
             measurements.push(Box::new(episodes));
         } else if searches {
             measurements.push(Box::new(Searches::new(&study, registries, egos, &groups, &selection)?));

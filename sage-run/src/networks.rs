@@ -11,9 +11,8 @@ use sage_backbones::Backbone;
 use sage_core::registry::Registry;
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
-use serde_json::{Value, json};
 
-use crate::{output, progress};
+use crate::progress;
 
 /// Loads a prior by name.
 ///
@@ -58,21 +57,6 @@ pub fn build_generator(spec: GeneratorSpec, registries: &Registries) -> Result<N
     let named = checked.build(announce_experts)?;
     named.notes.iter().for_each(|note| progress::say(&format!("warning: {note}")));
     Ok(named)
-}
-
-/// What identifies the attacks of a generator in the record of a run.
-///
-/// *Errors*: none on a CPU.
-pub fn generator_identity(generator: &NamedGenerator) -> Result<Value> {
-    let mut identity = generator.identity()?;
-    for (key, value) in [
-        ("command", output::command()),
-        ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ("program", output::program()),
-    ] {
-        identity.insert(key.to_owned(), json!(value));
-    }
-    Ok(Value::Object(identity))
 }
 
 /// Prints on stderr which weights are used.

@@ -20,7 +20,7 @@ use advsage::{as_cause, ego::Ego};
 use anyhow::{Context, Result, bail};
 use sage_core::files::{self, Existing, OutputLock};
 use sage_data::{ReadOptions, dataset::Shard};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use crate::terminal;
 
@@ -35,9 +35,23 @@ pub use run::{RECORD, Run, RunState, record_of};
 /// Folder of what planners that are programs write to their standard error, in the output folder.
 pub const PLANNER_LOGS: &str = "planner-logs";
 
-/// What distinguishes a run that reads scenes with these options from others; null for the default.
-pub fn reading_identity(options: &ReadOptions) -> Value {
-    if *options == ReadOptions::default() { Value::Null } else { json!(options) }
+/// The program that makes the files of a run, in its identity.
+#[derive(Clone, Debug, Serialize)]
+pub struct Producer {
+    version: &'static str,
+    program: String,
+}
+
+impl Producer {
+    /// This program.
+    pub fn own() -> Self {
+        Self { version: env!("CARGO_PKG_VERSION"), program: program() }
+    }
+}
+
+/// The options that scenes are read with, in the identity of a run; `None` for the default.
+pub fn reading_identity(options: ReadOptions) -> Option<ReadOptions> {
+    Some(options).filter(|options| *options != ReadOptions::default())
 }
 
 /// The folder for the logs of planners. Each shard has its own.

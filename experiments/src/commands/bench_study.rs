@@ -12,7 +12,7 @@ use sage_backbones::Backbone;
 use sage_bench::{
     chart::learning::{self, CURVES},
     measure::ExpertSource,
-    plan::Plan,
+    plan::{self, Plan},
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
     rows::Results,
     runner::{self, Observer},
@@ -24,12 +24,14 @@ use sage_merging::ExpertSet;
 use sage_run::{
     Outcome, networks,
     outcome::EndsWith,
-    output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord, ShardState},
+    output::{
+        self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, Producer, SceneRecord, ShardState,
+    },
     progress::{self, Progress, count},
     scenes::Scenes,
 };
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::{
     Registries,
@@ -46,10 +48,10 @@ const LIMIT: u64 = 1 << 30;
 /// What identifies a run.
 #[derive(Serialize)]
 struct Identity<'a> {
-    plan: &'a Value,
+    plan: &'a plan::Identity,
     scenes: String,
-    version: &'static str,
-    program: String,
+    #[serde(flatten)]
+    by: Producer,
 }
 
 /// A study with its scenes.
@@ -115,12 +117,8 @@ impl<'a> Job<'a> {
     }
 
     fn start(&self, out: &Path) -> Result<DatasetRun> {
-        let identity = Identity {
-            plan: &self.plan.identity,
-            scenes: described(&self.names),
-            version: env!("CARGO_PKG_VERSION"),
-            program: output::program(),
-        };
+        let identity =
+            Identity { plan: &self.plan.identity, scenes: described(&self.names), by: Producer::own() };
         Inputs::of_command_line().refuse_folder(out)?;
         let outdated = || vec![RESULTS.to_owned(), MANIFEST.to_owned()];
         let (identity, force) = (serde_json::to_value(identity)?, self.args.folder.force);

@@ -11,13 +11,14 @@ use std::{
 };
 
 use anyhow::Result;
-use sage_data::{Format, stream::Inputs, womd};
+use sage_data::{Format, ReadOptions, stream::Inputs, womd};
 use sage_run::{
     Outcome, input,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, ShardState},
     progress::{Progress, count},
 };
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::json;
 
 use crate::cli::ConvertArgs;
 
@@ -64,8 +65,14 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
     outputs.push(MANIFEST.into());
     output::protect_inputs(&args.paths, &files, out, &outputs)?;
     let outdated = || if args.to == Format::TfRecord { tfrecords::outdated(out) } else { Vec::new() };
-    let run =
-        DatasetRun::start(out, identity(args, &inputs), args.folder.force, part, &[MANIFEST], outdated)?;
+    let run = DatasetRun::start(
+        out,
+        serde_json::to_value(identity(args, &inputs))?,
+        args.folder.force,
+        part,
+        &[MANIFEST],
+        outdated,
+    )?;
     if part == Part::Join {
         return join(args, run);
     }
@@ -156,9 +163,22 @@ fn file_name(name: &Path, format: Format) -> PathBuf {
     file.into()
 }
 
-/// What identifies a run: the options and the inputs. A run with --force is another one, because files of earlier runs
-/// do not count as its own.
-fn identity(args: &ConvertArgs, inputs: &Inputs) -> Value {
+/// What identifies a run: the options and the inputs.
+#[derive(Serialize)]
+struct Identity {
+    convert: &'static str,
+    standard: Option<&'static str>,
+    ego: Option<&'static str>,
+    reading: Option<ReadOptions>,
+    scenes_per_file: Option<usize>,
+    /// Hash of the names, lengths and times of all files.
+    inputs: String,
+    /// Files of earlier runs do not count as those of a run with --force.
+    force: bool,
+    program: String,
+}
+
+fn identity(args: &ConvertArgs, inputs: &Inputs) -> Identity {
     let is_scenario = args.to == Format::OpenScenario;
     let mut hasher = blake3::Hasher::new();
     for file in inputs.files() {
@@ -167,14 +187,14 @@ fn identity(args: &ConvertArgs, inputs: &Inputs) -> Value {
         let described = (file, found.map(|found| found.len()), changed.map(|time| time.as_nanos()));
         hasher.update(format!("{described:?}").as_bytes());
     }
-    json!({
-        "convert": args.to.ending(),
-        "standard": is_scenario.then(|| args.standard.unwrap_or_default().name()),
-        "ego": is_scenario.then(|| args.ego.unwrap_or_default().name()),
-        "reading": output::reading_identity(&args.reading.options()),
-        "scenes_per_file": (args.to == Format::TfRecord).then(|| args.scenes_per_file()),
-        "inputs": hasher.finalize().to_hex()[..16],
-        "force": args.folder.force,
-        "program": output::program(),
-    })
+    Identity {
+        convert: args.to.ending(),
+        standard: is_scenario.then(|| args.standard.unwrap_or_default().name()),
+        ego: is_scenario.then(|| args.ego.unwrap_or_default().name()),
+        reading: output::reading_identity(args.reading.options()),
+        scenes_per_file: (args.to == Format::TfRecord).then(|| args.scenes_per_file()),
+        inputs: hasher.finalize().to_hex()[..16].to_owned(),
+        force: args.folder.force,
+        program: output::program(),
+    }
 }

@@ -24,7 +24,7 @@ use sage_generators::DIAL_FILE;
 use sage_merging::{ExpertFile, ExpertSet};
 use sage_run::{
     Outcome, networks,
-    output::{self, Folder, Run, RunState},
+    output::{self, Folder, Producer, Run, RunState},
     progress,
     scenes::{self, Scenes},
 };
@@ -71,8 +71,8 @@ struct Identity<'a> {
     roles: usize,
     /// Options of each expert.
     options: Map<String, Value>,
-    version: &'static str,
-    program: String,
+    #[serde(flatten)]
+    by: Producer,
     /// Hashes of files that the objectives read.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     contents: Vec<String>,
@@ -179,8 +179,7 @@ impl<'a> Job<'a> {
             seed: self.args.seed,
             roles: self.options.roles,
             options: options.collect::<Result<_>>()?,
-            version: env!("CARGO_PKG_VERSION"),
-            program: output::program(),
+            by: Producer::own(),
             contents: experts.iter().flat_map(|expert| expert.objective.contents()).collect(),
         };
         Ok(serde_json::to_value(identity)?)

@@ -14,11 +14,12 @@ use sage_backbones::{
 };
 use sage_run::{
     Outcome, input, networks,
-    output::{self, Folder, Run, RunState},
+    output::{self, Folder, Producer, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
 };
-use serde_json::json;
+use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::cli::PretrainArgs;
 
@@ -28,6 +29,19 @@ const STATE: &str = "last.safetensors";
 const VALIDATION_SCENES: u64 = 60;
 /// Least time between two progress lines.
 const REPORT_INTERVAL: Duration = Duration::from_secs(10);
+
+/// What identifies a training.
+#[derive(Serialize)]
+struct Identity<'a> {
+    backbone: &'a str,
+    network: &'a Value,
+    options: &'a PretrainOptions,
+    data: &'a str,
+    /// Where the weights come from that it starts with.
+    start: &'a str,
+    #[serde(flatten)]
+    by: Producer,
+}
 
 pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
@@ -63,10 +77,14 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         notes: [("start".to_owned(), initial_weights(args, &*network)?)].into(),
         ..Header::default()
     };
-    let identity = json!({
-        "backbone": &header.backbone, "network": &header.options, "options": options, "data": &header.data,
-        "start": &header.notes["start"], "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-    });
+    let identity = serde_json::to_value(Identity {
+        backbone: &header.backbone,
+        network: &header.options,
+        options: &options,
+        data: &header.data,
+        start: &header.notes["start"],
+        by: Producer::own(),
+    })?;
     let outdated = [STATE, PRIOR_FILE, "curve.csv", "curve.svg"];
     let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[], &outdated, &outdated)?;
     if state == RunState::Done {

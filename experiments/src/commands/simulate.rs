@@ -14,16 +14,18 @@ use advsage::{
     attacked_files::LONGEST_FILE_NAME,
     driver_spec::{DriverSpec, DriverSpecs},
     ego::{self, Ego},
-    named_generator::NamedGenerator,
+    named_generator::{GeneratorIdentity, NamedGenerator},
 };
 use anyhow::{Result, bail};
+use sage_data::ReadOptions;
 use sage_run::{
     Outcome, networks,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, Producer, RECORD},
     progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, work_on},
 };
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::Value;
 
 use crate::cli::SimulateArgs;
 use attack_file::AttackFile;
@@ -37,6 +39,26 @@ enum Attacked {
     FromFile(Box<AttackFile>),
     /// A generator, at operating points.
     Generated(Box<NamedGenerator>),
+}
+
+/// What identifies a run.
+#[derive(Serialize)]
+struct Identity<'a> {
+    #[serde(flatten)]
+    generator: Option<GeneratorIdentity<'a>>,
+    /// Without a generator, which has its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seed: Option<u64>,
+    /// Hash of the file of the attack.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    attack: Option<&'a str>,
+    command: String,
+    #[serde(flatten)]
+    by: Producer,
+    ego: Vec<Value>,
+    adversary: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reading: Option<ReadOptions>,
 }
 
 /// All inputs of the command except the scenes.
@@ -111,24 +133,23 @@ impl<'a> Simulation<'a> {
     ///
     /// *Errors*: the file of a `path` or of the attack cannot be read.
     fn identity(&self) -> Result<Value> {
-        let mut identity = match &self.attacked {
-            Attacked::Generated(generator) => networks::generator_identity(generator)?,
-            _ => json!({
-                "command": output::command(), "seed": self.args.options.generator.seed,
-                "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-            }),
+        let seed = self.args.options.generator.seed;
+        let (generator, seed, attack) = match &self.attacked {
+            Attacked::Generated(generator) => (Some(generator.identity()?), None, None),
+            Attacked::FromFile(file) => (None, Some(seed), Some(file.hash())),
+            Attacked::AsItIs => (None, Some(seed), None),
         };
-        identity["ego"] =
-            drivers(self.args).iter().map(ego::identity).collect::<advsage::Result<Vec<_>>>()?.into();
-        identity["adversary"] = json!(self.args.options.adversary);
-        let reading = output::reading_identity(&self.args.reading.options());
-        if !reading.is_null() {
-            identity["reading"] = reading;
-        }
-        if let Attacked::FromFile(file) = &self.attacked {
-            identity["attack"] = json!(file.hash());
-        }
-        Ok(identity)
+        let identity = Identity {
+            generator,
+            seed,
+            attack,
+            command: output::command(),
+            by: Producer::own(),
+            ego: drivers(self.args).iter().map(ego::identity).collect::<advsage::Result<_>>()?,
+            adversary: self.args.options.adversary.as_deref(),
+            reading: output::reading_identity(self.args.reading.options()),
+        };
+        Ok(serde_json::to_value(identity)?)
     }
 }
 

@@ -3,16 +3,48 @@
 use advsage::{
     Registries,
     ego::{self, Ego},
-    named_generator::NamedGenerator,
+    named_generator::{GeneratorIdentity, NamedGenerator},
     operating_point::OperatingPointSpec,
     rows::GeneratedBy,
 };
 use anyhow::Result;
-use sage_data::{Format, openscenario::Options};
-use serde_json::{Value, json};
+use sage_data::{Format, ReadOptions, openscenario::Options};
+use sage_sim::avoidable::AvoidanceOptions;
+use serde::Serialize;
+use serde_json::Value;
 
 use super::options::GenerateOptions;
-use crate::{networks, output, progress};
+use crate::{
+    networks,
+    output::{self, Producer},
+    progress,
+};
+
+/// What identifies a run.
+#[derive(Serialize)]
+struct Identity<'a> {
+    #[serde(flatten)]
+    generator: GeneratorIdentity<'a>,
+    command: String,
+    #[serde(flatten)]
+    by: Producer,
+    /// Version of OpenSCENARIO, and what its ego does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scenario: Option<[&'static str; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reading: Option<ReadOptions>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ego: Option<Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    latest_start: Option<LatestStart>,
+}
+
+/// A latest start that is asked for, and how it is searched.
+#[derive(Serialize)]
+struct LatestStart {
+    target: Option<f64>,
+    search: Option<AvoidanceOptions>,
+}
 
 /// What attacks, what drives the ego before, and what is written.
 pub(super) struct Plan<'a> {
@@ -66,23 +98,20 @@ impl<'a> Plan<'a> {
     ///
     /// *Errors*: the file of a `path` cannot be read.
     pub(super) fn identity(&self) -> Result<Value> {
-        let mut identity = networks::generator_identity(&self.generator)?;
-        if self.options.format.has(Format::OpenScenario) {
-            let options = self.scenario_options();
-            identity["scenario"] = json!([options.standard.name(), options.ego.name()]);
-        }
-        let reading = output::reading_identity(&self.options.reading);
-        if !reading.is_null() {
-            identity["reading"] = reading;
-        }
-        if !self.ego.policy.is_recording() {
-            identity["ego"] = ego::identity(&self.options.ego)?;
-        }
-        if self.options.latest_start.is_some() || self.options.avoidable.is_some() {
-            identity["latest_start"] =
-                json!({"target": self.options.latest_start, "search": self.options.avoidable});
-        }
-        Ok(identity)
+        let GenerateOptions { latest_start, avoidable, .. } = *self.options;
+        let scenario = self.options.format.has(Format::OpenScenario).then(|| self.scenario_options());
+        let is_driven = !self.ego.policy.is_recording();
+        let identity = Identity {
+            generator: self.generator.identity()?,
+            command: output::command(),
+            by: Producer::own(),
+            scenario: scenario.map(|options| [options.standard.name(), options.ego.name()]),
+            reading: output::reading_identity(self.options.reading.clone()),
+            ego: is_driven.then(|| ego::identity(&self.options.ego)).transpose()?,
+            latest_start: (latest_start.is_some() || avoidable.is_some())
+                .then_some(LatestStart { target: latest_start, search: avoidable }),
+        };
+        Ok(serde_json::to_value(identity)?)
     }
 
     /// How a variant is generated, for its row and for the metadata of its scene files.

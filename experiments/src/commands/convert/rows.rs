@@ -14,13 +14,14 @@ use advsage::{
 };
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::files::{self, Existing};
-use sage_data::{Format, Recording, folder, openscenario::Options};
+use sage_data::{Format, ReadOptions, Recording, folder, openscenario::Options};
 use sage_run::{
     Outcome,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, Producer, RECORD},
     progress,
     scene_queue::{self, Failure, Input, Report, ReportWords, SceneReport, Scenes, Worked},
 };
+use serde::Serialize;
 use serde_json::json;
 
 use crate::cli::ConvertArgs;
@@ -34,6 +35,20 @@ struct Source {
     run: String,
     /// Files of the rows of each scene.
     rows: BTreeMap<String, Vec<PathBuf>>,
+}
+
+/// What identifies a conversion.
+#[derive(Serialize)]
+struct Identity<'a> {
+    convert: &'static str,
+    /// Hash of the run that the rows are of.
+    rows: &'a str,
+    scenes: String,
+    standard: &'static str,
+    ego: &'static str,
+    reading: Option<ReadOptions>,
+    #[serde(flatten)]
+    by: Producer,
 }
 
 /// The error of inputs that are no scenes, with what helps if they are rows.
@@ -68,11 +83,15 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
     }
     let out = &args.folder.out;
     scenes.protect(out, vec![path.clone()])?;
-    let identity = json!({
-        "convert": args.to.ending(), "rows": source.run, "scenes": names_hash(&scenes.names()),
-        "standard": args.standard.unwrap_or_default().name(), "ego": args.ego.unwrap_or_default().name(),
-        "reading": output::reading_identity(&args.reading.options()), "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-    });
+    let identity = serde_json::to_value(Identity {
+        convert: args.to.ending(),
+        rows: &source.run,
+        scenes: names_hash(&scenes.names()),
+        standard: args.standard.unwrap_or_default().name(),
+        ego: args.ego.unwrap_or_default().name(),
+        reading: output::reading_identity(args.reading.options()),
+        by: Producer::own(),
+    })?;
     let outdated = || vec![MANIFEST.to_owned()];
     let run = DatasetRun::start(out, identity, args.folder.force, part, &[MANIFEST], outdated)?;
     let report = |count| {

@@ -5,16 +5,51 @@ use advsage::{
     ego::{self, Ego},
     generators::weight_hashes,
     named_search::{NamedSearch, SearchSpec},
+    operating_point::OperatingPointSpec,
     search::PlanSources,
     selection::Selection,
 };
 use anyhow::{Result, ensure};
-use sage_data::openscenario::Options;
-use sage_run::{networks, output, progress};
-use sage_sim::search::SearchOptions;
-use serde_json::{Map, Value, json};
+use sage_core::objective::{ObjectiveSpec, PartSpec};
+use sage_data::{ReadOptions, openscenario::Options};
+use sage_run::{
+    networks,
+    output::{self, Producer},
+    progress,
+};
+use sage_sim::{fault::FaultRule, search::SearchOptions};
+use serde::Serialize;
+use serde_json::{Map, Value};
 
 use crate::cli::SearchArgs;
+
+/// What identifies a search.
+#[derive(Serialize)]
+struct Identity<'a> {
+    command: String,
+    method: String,
+    /// Hashes of the networks by their names.
+    weights: Map<String, Value>,
+    points: &'a [OperatingPointSpec],
+    selection: &'a ObjectiveSpec,
+    feasibility: &'a PartSpec,
+    merger: String,
+    search: SearchOptions,
+    plans: usize,
+    adversary: Option<&'a str>,
+    seed: u64,
+    format: &'static str,
+    ego: Value,
+    #[serde(flatten)]
+    by: Producer,
+    /// Hashes of files that generators were built from.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    files: Vec<&'a Map<String, Value>>,
+    references: &'a [String],
+    fault: FaultRule,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reading: Option<ReadOptions>,
+}
 
 /// What searches all scenes.
 pub(super) struct Searcher<'a> {
@@ -89,24 +124,27 @@ impl<'a> Searcher<'a> {
         if let Some(loaded) = &self.named.weights {
             weights.insert(loaded.name.clone(), weight_hashes(&loaded.experts)?.into());
         }
-        let mut identity = json!({
-            "command": output::command(), "method": self.named.method(), "weights": weights, "points": self.named.points,
-            "selection": self.named.selection.objective.spec(), "feasibility": self.named.rule.objective.spec().feasibility,
-            "merger": self.args.attack.generator.merger.to_string(), "search": self.options,
-            "plans": self.args.plans, "adversary": self.args.attack.adversary, "seed": self.args.attack.generator.seed,
-            "format": self.args.format.name(), "ego": ego::identity(&self.args.ego)?,
-            "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-        });
-        let files = self.plans().files();
-        if !files.is_empty() {
-            identity["files"] = json!(files);
-        }
-        identity["references"] = json!(self.args.reference);
-        identity["fault"] = json!(self.args.fault);
-        let reading = output::reading_identity(&self.args.reading.options());
-        if !reading.is_null() {
-            identity["reading"] = reading;
-        }
-        Ok(identity)
+        let (args, generator) = (self.args, &self.args.attack.generator);
+        let identity = Identity {
+            command: output::command(),
+            method: self.named.method(),
+            weights,
+            points: &self.named.points,
+            selection: self.named.selection.objective.spec(),
+            feasibility: &self.named.rule.objective.spec().feasibility,
+            merger: generator.merger.to_string(),
+            search: self.options,
+            plans: args.plans,
+            adversary: args.attack.adversary.as_deref(),
+            seed: generator.seed,
+            format: args.format.name(),
+            ego: ego::identity(&args.ego)?,
+            by: Producer::own(),
+            files: self.plans().files(),
+            references: &args.reference,
+            fault: args.fault,
+            reading: output::reading_identity(args.reading.options()),
+        };
+        Ok(serde_json::to_value(identity)?)
     }
 }

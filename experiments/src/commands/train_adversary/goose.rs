@@ -27,12 +27,13 @@ use sage_core::{objective::Context, scene::SceneData};
 use sage_run::{
     Outcome,
     outcome::caught,
-    output::{self, Run, RunState},
+    output::{self, Producer, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
 };
 use sage_sim::{SimScene, attack_test::AttackTest};
-use serde_json::json;
+use serde::Serialize;
+use serde_json::{Value, json};
 
 use self::{
     options::TrainingOptions,
@@ -48,6 +49,20 @@ const SAVED: u64 = 500;
 /// Most role assignments of all scenes together, about 9 GB.
 const MOST_SETTINGS: usize = 4096;
 
+/// What identifies a training.
+#[derive(Serialize)]
+struct Identity<'a> {
+    command: &'static str,
+    options: &'a TrainingOptions,
+    data: &'a str,
+    dev: String,
+    ego: Value,
+    seed: u64,
+    license: &'a str,
+    #[serde(flatten)]
+    by: Producer,
+}
+
 pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let options = TrainingOptions::of(args)?;
@@ -55,11 +70,16 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
     let license = args.license.clone().unwrap_or_else(|| "unspecified".to_owned());
     let mut list = TrainingScenes::read(&args.scenes, args.seed)?;
     let data = scenes::describe(&list.train);
-    let identity = json!({
-        "command": "train-adversary goose", "options": options, "data": &data, "dev": scenes::describe(&list.dev),
-        "ego": ego::identity(&args.ego)?, "seed": args.seed, "license": &license,
-        "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-    });
+    let identity = serde_json::to_value(Identity {
+        command: "train-adversary goose",
+        options: &options,
+        data: &data,
+        dev: scenes::describe(&list.dev),
+        ego: ego::identity(&args.ego)?,
+        seed: args.seed,
+        license: &license,
+        by: Producer::own(),
+    })?;
     let results = [GOOSE_FILE, curves::TABLE, curves::PICTURE, card::FILE];
     let (run, state) =
         Run::start(&args.folder.out, identity.clone(), args.folder.force, &[STATE], &[], &results)?;

@@ -34,12 +34,12 @@ use sage_core::scene::SceneData;
 use sage_run::{
     Outcome, networks,
     outcome::caught,
-    output::{self, Run, RunState},
+    output::{self, Producer, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
 };
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use self::{collected::Collected, curves::Curves};
 use super::training_scenes::TrainingScenes;
@@ -102,6 +102,21 @@ impl TrainingOptions {
     }
 }
 
+/// What identifies a training.
+#[derive(Serialize)]
+struct Identity<'a> {
+    command: &'static str,
+    options: &'a TrainingOptions,
+    data: &'a str,
+    dev: String,
+    /// Hashes of the networks.
+    prior: Map<String, Value>,
+    seed: u64,
+    license: &'a str,
+    #[serde(flatten)]
+    by: Producer,
+}
+
 pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let options = TrainingOptions::of(args)?;
@@ -116,11 +131,16 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
     let list = TrainingScenes::read(&args.scenes, args.seed)?;
     let (train, dev) = (&list.train, &list.dev);
     let data = scenes::describe(train);
-    let identity = json!({
-        "command": "train-adversary seal", "options": options, "data": &data, "dev": scenes::describe(dev),
-        "prior": weight_hashes(&experts)?, "seed": args.seed, "license": &license, "version": env!("CARGO_PKG_VERSION"),
-        "program": output::program(),
-    });
+    let identity = serde_json::to_value(Identity {
+        command: "train-adversary seal",
+        options: &options,
+        data: &data,
+        dev: scenes::describe(dev),
+        prior: weight_hashes(&experts)?,
+        seed: args.seed,
+        license: &license,
+        by: Producer::own(),
+    })?;
     let state_files = ["criticality", "skills", "adversarial", "benign"].map(|part| format!("{part}.state"));
     let results = [SEAL_FILE, BENIGN_FILE, curves::TABLE, card::FILE];
     let temporary: Vec<&str> = state_files.iter().map(String::as_str).collect();

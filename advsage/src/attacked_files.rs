@@ -113,7 +113,7 @@ pub struct Attack<'a> {
 }
 
 /// What an OpenSCENARIO file says about its attack.
-pub struct Facts<'a> {
+pub struct AttackSummary<'a> {
     /// Seed of the run.
     pub seed: u64,
     /// Track of the adversary.
@@ -130,7 +130,7 @@ pub struct Facts<'a> {
     pub behavior_penalty: f64,
 }
 
-impl Facts<'_> {
+impl AttackSummary<'_> {
     /// The facts and how the attack was generated.
     pub fn and(&self, generated: &GeneratedBy) -> Map<String, Value> {
         let mut facts = generated.to_map();

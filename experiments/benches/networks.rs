@@ -6,7 +6,7 @@ use std::{path::PathBuf, sync::Arc};
 use criterion::{Criterion, criterion_group, criterion_main};
 use sage_backbones::{
     backbones,
-    candidates::Selection,
+    candidates::Sampling,
     nn::AdamWConfig,
     prediction::predict,
     training::{Trainer, recorded_sample, trainable},
@@ -35,7 +35,7 @@ fn networks(c: &mut Criterion) {
         let features = Arc::new(features_of_target().expect("the adversary is there now"));
         group.bench_function(format!("{name}: features"), |b| b.iter(features_of_target));
         group.bench_function(format!("{name}: 32 candidates"), |b| {
-            b.iter(|| predict(&*network, features.clone(), 32, Selection::TopK, &mut Rng::new(0, "", "")));
+            b.iter(|| predict(&*network, features.clone(), 32, Sampling::TopK, &mut Rng::new(0, "", "")));
         });
     }
     let network = registry.build_default("densetnt").expect("its defaults are sound");

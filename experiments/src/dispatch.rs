@@ -1,7 +1,7 @@
 //! Dispatches parsed arguments to the command.
 
 use anyhow::Result;
-use sage_run::{Outcome, output::Part};
+use sage_run::{Outcome, output::Extent};
 
 use crate::{
     Registries,
@@ -22,7 +22,7 @@ impl Cli {
             Command::Inspect(args) => commands::inspect::run(&args),
             Command::Score(args) => commands::score::run(&args, &registries.parts),
             Command::Draw(args) => commands::draw::run(&args),
-            Command::Convert(args) => commands::convert::run(&args, Part::of(args.shard)),
+            Command::Convert(args) => commands::convert::run(&args, Extent::of(args.shard)),
             Command::Scenes(args) => commands::scenes::run(&args),
             Command::Pretrain(args) => commands::pretrain::run(&args, &registries.parts),
             Command::Finetune(args) => commands::finetune::run(&args, &registries.parts),
@@ -31,12 +31,12 @@ impl Cli {
             Command::Predict(args) => commands::predict::run(&args, &registries.parts),
             Command::Explain(args) => commands::explain::run(&args, &registries.parts),
             Command::Generate(args) => {
-                commands::generate::run(&args, Part::of(args.shard), &registries.parts)
+                commands::generate::run(&args, Extent::of(args.shard), &registries.parts)
             }
             Command::Simulate(args) => {
-                commands::simulate::run(&args, Part::of(args.shard), &registries.parts)
+                commands::simulate::run(&args, Extent::of(args.shard), &registries.parts)
             }
-            Command::Search(args) => commands::search::run(&args, Part::of(args.shard), &registries.parts),
+            Command::Search(args) => commands::search::run(&args, Extent::of(args.shard), &registries.parts),
             Command::Report(args) => commands::report::run(&args),
             Command::Suite(args) => commands::suite::run(&args, &registries.parts),
             Command::Test(args) => commands::test::run(&args, &registries.parts),
@@ -57,7 +57,7 @@ impl Cli {
                 Some(BenchCommand::Speed(args)) => commands::bench_speed::run(&args, &registries.parts),
                 Some(BenchCommand::List) => commands::bench_study::list(registries),
                 Some(BenchCommand::Report(args)) => commands::bench_study::report(&args, registries),
-                None => commands::bench_study::run(&args.study, Part::of(args.study.shard), registries),
+                None => commands::bench_study::run(&args.study, Extent::of(args.study.shard), registries),
             },
             Command::Completions { shell } => commands::completions::run(shell),
         }

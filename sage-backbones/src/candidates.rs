@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Rule that selects modes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Selection {
+pub enum Sampling {
     /// The likeliest: with dense goals a cluster of neighbours.
     TopK,
     /// A draw without replacement, each mode by its probability (Gumbel top-k).
@@ -26,18 +26,18 @@ pub fn select(
     log_probs: &[f32],
     ends: &[[f32; 2]],
     k: usize,
-    selection: Selection,
+    selection: Sampling,
     rng: &mut Rng,
 ) -> Vec<usize> {
     match selection {
-        Selection::TopK => first_k(log_probs, k),
-        Selection::Gumbel => {
+        Sampling::TopK => first_k(log_probs, k),
+        Sampling::Gumbel => {
             let noisy: Vec<f32> = log_probs.iter().map(|p| (f64::from(*p) + gumbel(rng)) as f32).collect();
             let mut selected = first_k(&noisy, k);
             selected.sort_by(|a, b| by_rank(log_probs, *a, *b));
             selected
         }
-        Selection::Nms { radius } => {
+        Sampling::Nms { radius } => {
             let order = ranked(log_probs);
             let mut selected = suppressed(&order, ends, k, radius);
             if selected.len() < k.min(order.len()) {
@@ -111,14 +111,14 @@ mod tests {
 
     #[test]
     fn top_k_selects_the_likeliest_and_the_first_of_equals() {
-        assert_eq!(select(&LOG_PROBS, &ENDS, 3, Selection::TopK, &mut rng()), [1, 3, 0]);
-        assert_eq!(select(&LOG_PROBS, &ENDS, 9, Selection::TopK, &mut rng()), [1, 3, 0, 4, 2]);
-        assert!(select(&LOG_PROBS, &ENDS, 0, Selection::TopK, &mut rng()).is_empty());
+        assert_eq!(select(&LOG_PROBS, &ENDS, 3, Sampling::TopK, &mut rng()), [1, 3, 0]);
+        assert_eq!(select(&LOG_PROBS, &ENDS, 9, Sampling::TopK, &mut rng()), [1, 3, 0, 4, 2]);
+        assert!(select(&LOG_PROBS, &ENDS, 0, Sampling::TopK, &mut rng()).is_empty());
     }
 
     #[test]
     fn suppression_separates_ends_and_adds_the_likeliest_of_the_rest() {
-        let nms = Selection::Nms { radius: 3.0 };
+        let nms = Sampling::Nms { radius: 3.0 };
         assert_eq!(select(&LOG_PROBS, &ENDS, 3, nms, &mut rng()), [1, 4, 2]);
         assert_eq!(select(&LOG_PROBS, &ENDS, 4, nms, &mut rng()), [1, 3, 4, 2], "one of the rest");
         assert_eq!(suppressed(&ranked(&LOG_PROBS), &ENDS, 9, 3.0), [1, 4, 2]);
@@ -131,12 +131,12 @@ mod tests {
         let mut counts = [0; 3];
         let mut rng = rng();
         for _ in 0..20_000 {
-            counts[select(&p, &ends, 1, Selection::Gumbel, &mut rng)[0]] += 1;
+            counts[select(&p, &ends, 1, Sampling::Gumbel, &mut rng)[0]] += 1;
         }
         for (count, p) in counts.iter().zip([0.5, 0.3, 0.2]) {
             assert!((f64::from(*count) / 20_000.0 - p).abs() < 0.012, "{counts:?}");
         }
-        let draw = || select(&LOG_PROBS, &ENDS, 3, Selection::Gumbel, &mut self::rng());
+        let draw = || select(&LOG_PROBS, &ENDS, 3, Sampling::Gumbel, &mut self::rng());
         assert_eq!(draw(), draw());
     }
 }

@@ -10,7 +10,7 @@ use sage_core::{generator::Observation, motion::NOW, seed::Rng};
 use crate::{
     Error,
     backbone::Backbone,
-    candidates::Selection,
+    candidates::Sampling,
     features::{EgoForecast, Features, Layout},
     prediction::predict,
     subsampling::Subsampling,
@@ -39,7 +39,7 @@ pub fn ego_forecast(
         ego = subsampling.of_ego(ego);
     }
     let mut rng = Rng::new(0, &scene.id, "foresight");
-    let nms = Selection::Nms { radius: EGO_MODE_RADIUS };
+    let nms = Sampling::Nms { radius: EGO_MODE_RADIUS };
     let modes = predict(model, Arc::new(ego), EGO_MODES, nms, &mut rng)?;
     Ok(Some(EgoForecast::new(modes.into_iter().map(|mode| (mode.log_prob, mode.trajectory)).collect())))
 }

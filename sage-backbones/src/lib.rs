@@ -12,7 +12,7 @@
 //! explains the design of the networks.
 //!
 //! ```
-//! use sage_backbones::{backbones, candidates::Selection, prediction::predict};
+//! use sage_backbones::{backbones, candidates::Sampling, prediction::predict};
 //! use sage_core::{generator::Observation, scene::SceneIndex, seed::Rng};
 //! use sage_data::procedural::{Kind, generate};
 //!
@@ -22,7 +22,7 @@
 //! let now = Observation::of(&scene, &index)?;
 //! let features = network.features(&now, scene.adversary_index()?, None)?;
 //! let mut rng = Rng::new(0, &scene.id, "prediction");
-//! let six = predict(&*network, features.into(), 6, Selection::Nms { radius: 5.0 }, &mut rng)?;
+//! let six = predict(&*network, features.into(), 6, Sampling::Nms { radius: 5.0 }, &mut rng)?;
 //! assert_eq!(six.len(), 6);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

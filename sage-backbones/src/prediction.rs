@@ -11,7 +11,7 @@ use sage_core::{
 use crate::{
     Error,
     backbone::{Backbone, MotionModel, finite, trajectories_in_world},
-    candidates::{Selection, select},
+    candidates::{Sampling, select},
     encoding::Encoding,
     features::Features,
 };
@@ -36,7 +36,7 @@ pub fn predict(
     network: &dyn Backbone,
     features: Arc<Features>,
     k: usize,
-    selection: Selection,
+    selection: Sampling,
     rng: &mut Rng,
 ) -> Result<Vec<Predicted>, Error> {
     let encoding = network.encode(features)?;
@@ -50,7 +50,7 @@ pub fn propose(
     network: &dyn MotionModel,
     encoding: &Encoding,
     k: usize,
-    selection: Selection,
+    selection: Sampling,
     rng: &mut Rng,
 ) -> Result<Vec<Predicted>, Error> {
     let log_probs: Vec<f32> = finite(&network.log_probs(encoding)?)?;

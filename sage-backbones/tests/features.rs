@@ -7,7 +7,7 @@ mod fixtures;
 use std::sync::Arc;
 
 use sage_backbones::{
-    candidates::Selection,
+    candidates::Sampling,
     features::{EdgeKinds, Features, GOAL_COLUMNS, VECTOR_COLUMNS},
     prediction::predict,
     training::Examples,
@@ -158,7 +158,7 @@ fn a_scene_without_lanes_has_goals_on_a_grid() {
     for network in all() {
         let features = features(&*network, &data);
         assert_eq!(features.has_lanes, network.name() == "densetnt-cat");
-        let found = predict(&*network, features, 32, Selection::TopK, &mut Rng::new(0, "", "")).unwrap();
+        let found = predict(&*network, features, 32, Sampling::TopK, &mut Rng::new(0, "", "")).unwrap();
         assert_eq!(found.len(), 32, "{}", network.name());
     }
 }
@@ -178,7 +178,7 @@ fn absurd_speeds_and_maps_cost_no_more_than_normal_ones() {
     assert!(own.vectors.values.iter().chain(&own.goal_features.values).all(|x| x.is_finite()));
     for network in all() {
         let features = features(&*network, &data);
-        predict(&*network, features, 6, Selection::TopK, &mut Rng::new(0, "", "")).unwrap();
+        predict(&*network, features, 6, Sampling::TopK, &mut Rng::new(0, "", "")).unwrap();
     }
 }
 

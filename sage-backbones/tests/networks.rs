@@ -11,7 +11,7 @@ use insta::assert_snapshot;
 use sage_backbones::{
     Backbone, Parameters,
     backbone::{ParameterGroup, trajectories_in_world},
-    candidates::Selection,
+    candidates::Sampling,
     parameters::Header,
     prediction::propose,
     training::{recorded_sample, trainable},
@@ -282,9 +282,9 @@ fn predictions_repeat_and_only_the_draw_depends_on_the_seed() {
         assert!(found.windows(2).all(|w| w[0].log_prob >= w[1].log_prob));
         found.into_iter().map(|p| p.mode).collect::<Vec<_>>()
     };
-    for selection in [Selection::TopK, Selection::Nms { radius: 4.0 }] {
+    for selection in [Sampling::TopK, Sampling::Nms { radius: 4.0 }] {
         assert_eq!(modes(selection, 1), modes(selection, 2));
     }
-    assert_eq!(modes(Selection::Gumbel, 1), modes(Selection::Gumbel, 1));
-    assert_ne!(modes(Selection::Gumbel, 1), modes(Selection::Gumbel, 2));
+    assert_eq!(modes(Sampling::Gumbel, 1), modes(Sampling::Gumbel, 1));
+    assert_ne!(modes(Sampling::Gumbel, 1), modes(Sampling::Gumbel, 2));
 }

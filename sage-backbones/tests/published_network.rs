@@ -15,7 +15,7 @@ use candle_core::{DType, Device, Tensor};
 use sage_backbones::{
     Backbone, MotionModel, Parameters, Trainable,
     backbone::{Loss, ParameterGroup, Sample, trajectories_in_world},
-    candidates::{Selection, ranked, suppressed},
+    candidates::{Sampling, ranked, suppressed},
     densetnt::{Cat, DenseTnt},
     encoding::Encoding,
     features::{AgentForecasts, EdgeGrid, EdgeKinds, Features, Frame, Layout, Table, cat},
@@ -312,7 +312,7 @@ fn suppression_selects_all_goals_if_they_are_too_few() {
     let goals = fixture.points("goals_2D")[..20].to_vec();
     let features = fixture.features("syn/", goals, None);
     let mut rng = Rng::new(0, "", "");
-    let nms = Selection::Nms { radius: 500.0 };
+    let nms = Sampling::Nms { radius: 500.0 };
     let all = sage_backbones::prediction::predict(&network, features, 32, nms, &mut rng).unwrap();
     assert_eq!(all.len(), 20);
 }

@@ -12,7 +12,7 @@ pub mod csv_text;
 pub mod curve;
 pub mod estimate;
 pub mod measure;
-pub mod plan;
+pub mod prepared_study;
 pub mod published;
 mod registries;
 pub mod report;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use sage_core::{defect, scene::SceneData};
 use serde::{Deserialize, Serialize};
 
-use crate::{measure::SceneResult, plan::Plan, rows::Results};
+use crate::{measure::SceneResult, prepared_study::PreparedStudy, rows::Results};
 
 /// Scenes that are measured in parallel before their results are stored in order.
 const WINDOW: usize = 16;
@@ -72,16 +72,16 @@ enum Measured {
 ///
 /// *Errors*: a result cannot be stored.
 pub fn run(
-    plan: &Plan,
+    prepared: &PreparedStudy,
     scenes: &dyn SceneSource,
     store: &dyn Store,
     observer: &mut dyn Observer,
 ) -> Result<Results> {
     let names = scenes.names();
     let mut results = Results {
-        study: plan.study.study.clone(),
-        keys: plan.keys.clone(),
-        metrics: plan.metrics.clone(),
+        study: prepared.study.study.clone(),
+        keys: prepared.keys.clone(),
+        metrics: prepared.metrics.clone(),
         ..Results::default()
     };
     let known = |number: usize| -> Option<Stored> {
@@ -96,7 +96,7 @@ pub fn run(
         let (scene, content) = (names[number].clone(), scenes.content(number));
         let loaded = || scenes.load(number);
         // A defect that one scene brings about costs that scene.
-        let measured = defect::caught(|| Ok(loaded()?.map(|data| plan.measure(&data))));
+        let measured = defect::caught(|| Ok(loaded()?.map(|data| prepared.measure(&data))));
         match measured.unwrap_or_else(|defect| Err(defect.into())) {
             Ok(Some(result)) => Measured::New(Stored { scene, content, result }),
             Ok(None) => Measured::None,
@@ -132,7 +132,7 @@ pub fn run(
                 if !told.contains(&&*cell.error) {
                     told.push(&cell.error);
                     let error = anyhow!(cell.error.clone());
-                    observer.failed(&scene, plan.keys[cell.key].stream().trim_end(), &error);
+                    observer.failed(&scene, prepared.keys[cell.key].stream().trim_end(), &error);
                 }
             }
             results.scenes.push(scene);

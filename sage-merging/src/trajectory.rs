@@ -11,7 +11,7 @@ use std::sync::Arc;
 use sage_backbones::{
     Error as NetworkError, MotionModel,
     backbone::finite,
-    candidates::{Selection, select},
+    candidates::{Sampling, select},
     candle::{Device, Tensor},
     encoding::{Encoding, ModelId},
     features::{FORECAST_STEPS, STRIDE},
@@ -108,7 +108,7 @@ impl MeanTrajectories {
             // Suppression draws nothing.
             let mut rng = Rng::new(0, "trajectory mixing", "none");
             let policy = finite::<f32>(log_probs)?;
-            Ok(select(&policy, &ends, candidates, Selection::Nms { radius: apart }, &mut rng))
+            Ok(select(&policy, &ends, candidates, Sampling::Nms { radius: apart }, &mut rng))
         };
         let ranked = own.iter().map(chosen).collect::<Result<Vec<_>, _>>()?;
         let modes = match pairs {

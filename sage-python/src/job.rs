@@ -13,7 +13,7 @@ use sage_data::ReadOptions;
 use sage_run::{
     generate::{self, GenerateOptions},
     outcome,
-    output::{self, Part},
+    output::{self, Extent},
     progress, signals, threads,
 };
 
@@ -105,10 +105,10 @@ pub(crate) fn run_generate(py: Python<'_>, options: &Bound<'_, PyDict>, words: V
     let module: PathBuf = py.import("advsage._advsage")?.getattr("__file__")?.extract()?;
     let given = Words(options);
     let read = || -> Result<_, String> {
-        let part = if given.is_given("join") { Part::Join } else { Part::of(given.parsed("shard")?) };
-        Ok((given.options()?, part, given.parsed("threads")?))
+        let extent = if given.is_given("join") { Extent::Join } else { Extent::of(given.parsed("shard")?) };
+        Ok((given.options()?, extent, given.parsed("threads")?))
     };
-    let (options, part, cores) = match read() {
+    let (options, extent, cores) = match read() {
         Ok(read) => read,
         Err(problem) => {
             progress::say(&format!("error: {problem}"));
@@ -121,7 +121,7 @@ pub(crate) fn run_generate(py: Python<'_>, options: &Bound<'_, PyDict>, words: V
     signals::clean_up_when_stopped();
     detached(py, || {
         let registries = registries()?;
-        let done = threads::build_pool(cores).and_then(|()| generate::run(&options, part, registries));
+        let done = threads::build_pool(cores).and_then(|()| generate::run(&options, extent, registries));
         Ok(match done {
             Ok(outcome) => outcome.code(),
             Err(error) => {

@@ -2,10 +2,10 @@
 
 mod attack;
 mod index;
+mod job;
 mod measured;
 mod names;
 mod options;
-mod plan;
 mod scored;
 mod summary;
 mod view;
@@ -19,32 +19,32 @@ use sage_data::Format;
 
 use crate::{
     Outcome,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, State},
+    output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST, SceneRecord, State},
     printing, progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, is_row_of, work_on},
 };
 
 pub use options::GenerateOptions;
 
+use job::Job;
 use names::{INDEX, page_file, picture_file, row_file};
-use plan::Plan;
 use summary::Tally;
 
 /// Attacks the scenes of a part of a run.
 ///
 /// *Errors*: wrong options; the folder is of another run, or cannot be written to. What is wrong with a scene ends only that scene.
-pub fn run(options: &GenerateOptions, part: Part, registries: &Registries) -> Result<Outcome> {
-    let plan = Plan::new(options, registries)?;
+pub fn run(options: &GenerateOptions, extent: Extent, registries: &Registries) -> Result<Outcome> {
+    let job = Job::new(options, registries)?;
     let scenes = Scenes::find(&options.scene, &options.reading)?;
-    let (all, own) = (&scenes.all, scenes.of_part(part));
+    let (all, own) = (&scenes.all, scenes.of_part(extent));
     scenes.protect(&options.out, Vec::new())?;
     let out = &options.out;
     let outdated = || {
-        let of_scenes = own.iter().flat_map(|input| outputs(&plan, out, input));
+        let of_scenes = own.iter().flat_map(|input| outputs(&job, out, input));
         of_scenes.chain([INDEX, MANIFEST].map(str::to_owned)).collect()
     };
-    let run = DatasetRun::start(out, plan.identity()?, options.force, part, &[MANIFEST], outdated)?;
-    output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&plan.ego))?;
+    let run = DatasetRun::start(out, job.identity()?, options.force, extent, &[MANIFEST], outdated)?;
+    output::keep_planner_logs(run.folder(), extent, std::slice::from_ref(&job.ego))?;
     let report = |count| {
         let report = Report::new(
             run.folder().path(),
@@ -54,36 +54,36 @@ pub fn run(options: &GenerateOptions, part: Part, registries: &Registries) -> Re
         );
         if options.quiet { report.quiet() } else { report }
     };
-    let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&plan, &run, input))?;
+    let worked = Worked::on(&scenes, extent, &run, report, |input| work_on(&job, &run, input))?;
     let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
     let has_any = Counts::of(records).done > 0;
-    match part {
-        Part::Shard(shard) => run.finish_shard(shard, records)?,
-        Part::Whole | Part::Join => {
+    match extent {
+        Extent::Shard(shard) => run.finish_shard(shard, records)?,
+        Extent::Whole | Extent::Join => {
             let has_page = |record: &SceneRecord| folder.join(page_file(&record.scene)).is_file();
             let mut done = records.iter().filter(|record| record.state == State::Done);
             // Shards with --no-pages and others may be joined.
             if has_any && !options.no_pages && done.all(has_page) {
-                index::write(&plan, run.folder(), &hash, all)?;
+                index::write(&job, run.folder(), &hash, all)?;
             }
             let listed = run.finish(Ended {
                 records,
                 shards: &worked.shards,
                 results: scene_queue::results(records),
                 seconds_per_attack: worked.median_seconds(),
-                has_pickles: plan.options.format.has(Format::Pickle),
+                has_pickles: job.options.format.has(Format::Pickle),
                 is_done: Counts::of(records).failed() == 0,
             })?;
-            note_others(out, listed.saturating_sub(all.len() * plan.variants().len()), records);
+            note_others(out, listed.saturating_sub(all.len() * job.variants().len()), records);
         }
     }
     if has_any {
-        print_table(&plan, &folder, &hash, &scenes.reported_by(part), options.json)?;
+        print_table(&job, &folder, &hash, &scenes.reported_by(extent), options.json)?;
         if out.join(INDEX).is_file() {
             progress::say(&format!("to look at the attacks, open `{}`", out.join(INDEX).display()));
         }
     }
-    Ok(scene_queue::outcome(records, part, out, "attacked", scene_queue::AGAIN))
+    Ok(scene_queue::outcome(records, extent, out, "attacked", scene_queue::AGAIN))
 }
 
 /// Says that the summary of a folder lists scenes that this run did not write.
@@ -98,10 +98,10 @@ fn note_others(out: &Path, others: usize, records: &[SceneRecord]) {
 }
 
 /// Prints what came of the attacks of this run, and how to find out why one is none.
-fn print_table(plan: &Plan, folder: &Path, run_hash: &str, own: &[&Input], json: bool) -> Result<()> {
+fn print_table(job: &Job, folder: &Path, run_hash: &str, own: &[&Input], json: bool) -> Result<()> {
     // Rows are large, so only what they count for is kept.
     let tallied = |mut tally: Tallied, number: usize| {
-        for (variant, row) in rows(plan, folder, run_hash, own[number]) {
+        for (variant, row) in rows(job, folder, run_hash, own[number]) {
             tally.of_variant[variant].add(&row);
             if !row.outcome.is_attack() {
                 let file = folder.join(row_file(&row.scene, &row.variant));
@@ -110,10 +110,10 @@ fn print_table(plan: &Plan, folder: &Path, run_hash: &str, own: &[&Input], json:
         }
         tally
     };
-    let empty = || Tallied { of_variant: vec![Tally::default(); plan.variants().len()], without: None };
+    let empty = || Tallied { of_variant: vec![Tally::default(); job.variants().len()], without: None };
     let all = (0..own.len()).into_par_iter().fold(empty, tallied).reduce(empty, Tallied::and);
-    if own.len() * plan.variants().len() > 1 {
-        printing::print_table(&summary::table(plan, &all.of_variant), json)?;
+    if own.len() * job.variants().len() > 1 {
+        printing::print_table(&summary::table(job, &all.of_variant), json)?;
     }
     if let Some((number, _, file, has_no_scene)) = all.without {
         let of = if has_no_scene { format!(" --of {}", own[number].file.display()) } else { String::new() };
@@ -141,20 +141,20 @@ impl Tallied {
 
 /// Rows of a scene that this run has, with the number of their variant.
 fn rows<'a>(
-    plan: &'a Plan,
+    job: &'a Job<'a>,
     folder: &'a Path,
     run_hash: &'a str,
     input: &'a Input,
 ) -> impl Iterator<Item = (usize, AttackRow)> + 'a {
-    let names = plan.variants().iter().map(|variant| folder.join(row_file(&input.scene, variant)));
+    let names = job.variants().iter().map(|variant| folder.join(row_file(&input.scene, variant)));
     let own = names.enumerate().filter(|(_, path)| is_row_of(path, run_hash));
     own.filter_map(|(variant, path)| Some((variant, AttackRow::read_head(&path)?)))
 }
 
 /// Existing outputs of a scene: its rows, the scene files that they name, and its picture.
-fn outputs(plan: &Plan, folder: &Path, input: &Input) -> Vec<String> {
+fn outputs(job: &Job, folder: &Path, input: &Input) -> Vec<String> {
     let mut names = vec![picture_file(&input.scene), page_file(&input.scene)];
-    for variant in plan.variants() {
+    for variant in job.variants() {
         let (row, name) = (row_file(&input.scene, variant), format!("{}-{variant}", input.scene));
         let is_own = |file: &String| names_of_file(file).contains(&&*name) && !file.contains(['/', '\\']);
         // The row is removed last, because it alone knows the names.

@@ -1,12 +1,12 @@
 //! Output folders and files of commands. One run at a time writes to them, existing content is protected, and
 //! files are written atomically.
 
-mod claims;
 mod command_line;
 mod dataset_run;
+mod extent;
 mod inputs;
 mod manifest;
-mod part;
+mod manifests;
 mod run;
 mod shards;
 
@@ -24,12 +24,12 @@ use serde::Serialize;
 
 use crate::terminal;
 
-pub use claims::{Claims, ShardState, ranges};
 pub use command_line::{command, command_with, identify_by, program, quoted, stand_for};
 pub use dataset_run::{DatasetRun, Ended, run_hash};
+pub use extent::Extent;
 pub use inputs::Inputs;
 pub use manifest::{Counts, FileRecord, MANIFEST, SceneRecord, State, has_shards};
-pub use part::Part;
+pub use manifests::{Manifests, ShardState, ranges};
 pub use run::{RECORD, Run, RunState, record_of};
 
 /// Folder of what planners that are programs write to their standard error, in the output folder.
@@ -57,20 +57,20 @@ pub fn reading_identity(options: ReadOptions) -> Option<ReadOptions> {
 /// The folder for the logs of planners. Each shard has its own.
 ///
 /// *Errors*: it cannot be created.
-pub fn log_folder(folder: &Folder, part: Part) -> Result<PathBuf> {
+pub fn log_folder(folder: &Folder, extent: Extent) -> Result<PathBuf> {
     let logs = PathBuf::from(PLANNER_LOGS);
-    folder.inner(&match part {
-        Part::Shard(Shard { number, of }) => logs.join(format!("{number}-of-{of}")),
-        Part::Whole | Part::Join => logs,
+    folder.inner(&match extent {
+        Extent::Shard(Shard { number, of }) => logs.join(format!("{number}-of-{of}")),
+        Extent::Whole | Extent::Join => logs,
     })
 }
 
 /// Lets drivers that are programs keep their logs in a folder of the run.
 ///
 /// *Errors*: the folder cannot be created.
-pub fn keep_planner_logs(folder: &Folder, part: Part, egos: &[Ego]) -> Result<()> {
-    if egos.iter().any(|ego| ego.is_program) && part != Part::Join {
-        let logs = log_folder(folder, part)?;
+pub fn keep_planner_logs(folder: &Folder, extent: Extent, egos: &[Ego]) -> Result<()> {
+    if egos.iter().any(|ego| ego.is_program) && extent != Extent::Join {
+        let logs = log_folder(folder, extent)?;
         egos.iter().for_each(|ego| ego.policy.write_logs_to(&logs));
     }
     Ok(())

@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 use crate::{
     Outcome, input,
     outcome::{may_pass, may_succeed_later},
-    output::{self, Counts, DatasetRun, FileRecord, Inputs, Part, SceneRecord, ShardState, State},
+    output::{self, Counts, DatasetRun, Extent, FileRecord, Inputs, SceneRecord, ShardState, State},
     progress, terminal,
 };
 
@@ -64,13 +64,13 @@ impl Scenes {
     }
 
     /// The scenes that a part of the run works on.
-    pub fn of_part(&self, part: Part) -> Vec<&Input> {
-        self.all.iter().filter(|input| part.holds(&input.scene)).collect()
+    pub fn of_part(&self, extent: Extent) -> Vec<&Input> {
+        self.all.iter().filter(|input| extent.holds(&input.scene)).collect()
     }
 
     /// The scenes that a part of the run reports on: its own, or all.
-    pub fn reported_by(&self, part: Part) -> Vec<&Input> {
-        if part == Part::Join { self.all.iter().collect() } else { self.of_part(part) }
+    pub fn reported_by(&self, extent: Extent) -> Vec<&Input> {
+        if extent == Extent::Join { self.all.iter().collect() } else { self.of_part(extent) }
     }
 
     /// Names of all scenes.
@@ -97,10 +97,10 @@ pub const AGAIN: &str = "run the same command again";
 
 /// How a command ends after its scenes; `done` is what it does to a scene, a participle, and `again` what to do when the
 /// cause of a failure is removed.
-pub fn outcome(records: &[SceneRecord], part: Part, out: &Path, done: &str, again: &str) -> Outcome {
+pub fn outcome(records: &[SceneRecord], extent: Extent, out: &Path, done: &str, again: &str) -> Outcome {
     let counts = Counts::of(records);
     let (all, failed) = (counts.scenes, counts.failed());
-    let is_shard = matches!(part, Part::Shard(_));
+    let is_shard = matches!(extent, Extent::Shard(_));
     if failed == 0 {
         // A shard may be small, so that it has no other scenes.
         if counts.left_out < all || all == 0 || is_shard {
@@ -116,7 +116,7 @@ pub fn outcome(records: &[SceneRecord], part: Part, out: &Path, done: &str, agai
         _ => progress::say(&format!(
             "{failed} of {all} scenes failed; the others are in `{}`; remove the cause and {}",
             out.display(),
-            if part == Part::Join { "run their shards again" } else { again }
+            if extent == Extent::Join { "run their shards again" } else { again }
         )),
     }
     if counts.retry > 0 { Outcome::Retry } else { Outcome::BadScenes }
@@ -194,19 +194,19 @@ impl Worked {
     /// *Errors*: the first failure that ends the run; as [`DatasetRun::joined`].
     pub fn on(
         scenes: &Scenes,
-        part: Part,
+        extent: Extent,
         run: &DatasetRun,
         report: impl FnOnce(usize) -> Report,
         one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
     ) -> Result<Self> {
         run.agree_on_scenes(&scenes.names())?;
-        if part == Part::Join {
+        if extent == Extent::Join {
             let (records, shards) = run.joined(&scenes.names())?;
             let failed = records.iter().filter(|record| [State::Bad, State::Retry].contains(&record.state));
             failed.take(MOST_TOLD).for_each(|record| progress::say(&format!("error: {}", record.reason)));
             return Ok(Self { records, shards, seconds: Vec::new() });
         }
-        let own = scenes.of_part(part);
+        let own = scenes.of_part(extent);
         let report = report(own.len());
         let worked = work(&own, run, &report, one)?;
         report.finish(run.folder().path());

@@ -260,7 +260,7 @@ impl Recorder {
         let drive = Drive { motions: vec![start], off_road, ..Drive::default() };
         let mut touched = vec![false; world.scene().scene().tracks.len()];
         // What the car touches at the start counts only if they part and touch again.
-        for contact in &world.facts().contacts {
+        for contact in &world.events().contacts {
             touched[contact.track] = true;
         }
         Self { drive, first: along(simulation), at_start: touched.clone(), touched }
@@ -269,7 +269,7 @@ impl Recorder {
     /// Records the step that was just driven. Returns the number of new contacts.
     pub fn record(&mut self, simulation: &Simulation) -> usize {
         let (drive, world) = (&mut self.drive, simulation.world());
-        let mut contacts = world.facts().contacts.clone();
+        let mut contacts = world.events().contacts.clone();
         if simulation.is_posed() {
             // Poses say where the car is at the frames; a touch that only their interpolation shows is none.
             contacts.retain(|contact| touches_now(world, contact.track));
@@ -279,7 +279,7 @@ impl Recorder {
         drive.controls.extend(simulation.control);
         drive.progress = drive.progress.max(along(simulation) - self.first);
         let step = world.step_count();
-        if world.facts().off_road && drive.off_road == OffRoad::Never {
+        if world.events().off_road && drive.off_road == OffRoad::Never {
             drive.off_road = OffRoad::At(step);
         }
         for (track, is_start) in self.at_start.iter_mut().enumerate() {

@@ -124,7 +124,7 @@ impl Environment {
             None => None,
         };
         self.world.step(control, theirs)?;
-        if let Some(reacting) = self.reacting.as_mut().filter(|_| !self.world.facts().contacts.is_empty()) {
+        if let Some(reacting) = self.reacting.as_mut().filter(|_| !self.world.events().contacts.is_empty()) {
             reacting.brake();
         }
         Ok(())
@@ -209,9 +209,9 @@ impl Environment {
         let at = self.options.route(scene).locate(position, how);
         let touched = |kind: fn(&TrackKind) -> bool| {
             let tracks = &scene.scene().tracks;
-            world.facts().contacts.iter().any(|contact| kind(&tracks[contact.track].kind))
+            world.events().contacts.iter().any(|contact| kind(&tracks[contact.track].kind))
         };
-        let facts = world.facts();
+        let events = world.events();
         let step = world.step_count();
         let situation = Situation {
             step,
@@ -224,8 +224,8 @@ impl Environment {
             object_contact: touched(|kind| matches!(kind, TrackKind::Other(_))),
             had_arrived: self.had_arrived,
             was_off_road: self.was_off_road,
-            on_yellow: facts.on_yellow,
-            on_edge: if self.options.start_edge_ends { facts.on_edge } else { facts.off_road },
+            on_yellow: events.on_yellow,
+            on_edge: if self.options.start_edge_ends { events.on_edge } else { events.off_road },
         };
         let mut outcome = assess(&self.options, &situation);
         outcome.distance_to_log = distance(position, scene.logged_position(step));

@@ -111,9 +111,9 @@ pub fn roll_out(
             Control::Pose { .. } => Action::default(),
         });
         rollout.note(&environment);
-        let facts = environment.world().facts();
-        if !facts.contacts.is_empty() {
-            rollout.touched = facts.contacts.iter().map(|contact| contact.track).collect();
+        let events = environment.world().events();
+        if !events.contacts.is_empty() {
+            rollout.touched = events.contacts.iter().map(|contact| contact.track).collect();
             rollout.end = RolloutEnd::Contact;
             break;
         }

@@ -52,7 +52,7 @@ pub struct Contact {
 
 /// What the car touches in a step.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Facts {
+pub struct StepEvents {
     /// Road users touched, each once, in the order of the substep, then of their tracks.
     pub contacts: Vec<Contact>,
     /// Whether it touches a solid yellow line at the end.
@@ -90,7 +90,7 @@ pub struct WorldState {
     level: f64,
     traffic: Traffic,
     driven: Option<Driven>,
-    facts: Facts,
+    events: StepEvents,
     /// Edges that the car touches since the start.
     leaving: EdgesSinceStart,
 }
@@ -153,7 +153,7 @@ impl World {
             level,
             traffic,
             driven: None,
-            facts: Facts::default(),
+            events: StepEvents::default(),
             leaving: EdgesSinceStart::default(),
         };
         let mut world = Self { scene, options, plan, car, size, state };
@@ -170,7 +170,7 @@ impl World {
             );
             return Err(world.scene.error(problem));
         }
-        world.state.facts.contacts = world.contacts_at(&area);
+        world.state.events.contacts = world.contacts_at(&area);
         world.touch_lines();
         Ok(world)
     }
@@ -266,8 +266,8 @@ impl World {
     }
 
     /// What the car touched in the last step.
-    pub fn facts(&self) -> &Facts {
-        &self.state.facts
+    pub fn events(&self) -> &StepEvents {
+        &self.state.events
     }
 
     /// Everything that changes, to be restored later.
@@ -328,7 +328,7 @@ impl World {
         }
         self.state.step += 1;
         self.state.before = self.state.motion;
-        self.state.facts.contacts.clear();
+        self.state.events.contacts.clear();
         if self.options.traffic.dynamic {
             // MetaDrive sets the others to the frame after the car has moved among them.
             self.move_ego(control);
@@ -424,8 +424,8 @@ impl World {
         let off_road = self.leave_edges(&edges);
         let on_edge = !edges.is_empty();
         let (on_yellow, on_white, on_broken) = (yellow, white, broken);
-        let contacts = std::mem::take(&mut self.state.facts.contacts);
-        self.state.facts = Facts { contacts, on_yellow, on_white, on_broken, on_edge, off_road };
+        let contacts = std::mem::take(&mut self.state.events.contacts);
+        self.state.events = StepEvents { contacts, on_yellow, on_white, on_broken, on_edge, off_road };
     }
 
     /// Features of the sidewalks that the car is on.

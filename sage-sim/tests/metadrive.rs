@@ -183,15 +183,15 @@ fn roll_outs_agree() {
                 vehicle_contact: Some(is("crash_vehicle")),
             };
             let outcome = episode.step_recorded(&recorded).unwrap();
-            let facts = episode.world().facts();
+            let events = episode.world().events();
             let flags = [
                 (outcome.cost > 0.0, "cost"),
                 (outcome.terminated || outcome.truncated, "done"),
                 (outcome.arrived, "arrive_dest"),
                 (outcome.out_of_road, "out_of_road"),
-                (facts.on_yellow, "on_yellow_line"),
-                (facts.on_white, "on_white_line"),
-                (facts.on_edge, "crash_sidewalk"),
+                (events.on_yellow, "on_yellow_line"),
+                (events.on_white, "on_white_line"),
+                (events.on_edge, "crash_sidewalk"),
             ];
             for (found, key) in flags {
                 assert_eq!(found, is(key), "{name}, step {step_number}: {key}");
@@ -200,7 +200,7 @@ fn roll_outs_agree() {
             assert!((outcome.reward - get("reward")).abs() <= 0.005, "{name}, step {step_number}: reward");
             assert!((outcome.completion - get("route_completion")).abs() <= 1e-4, "{name}: completion");
             let is_vehicle = |track: usize| scene.scene().tracks[track].kind == TrackKind::Vehicle;
-            let own = facts.contacts.iter().any(|contact| is_vehicle(contact.track));
+            let own = events.contacts.iter().any(|contact| is_vehicle(contact.track));
             contact_differs += usize::from(own != is("crash_vehicle"));
             for (first, touches) in contacts.iter_mut().zip([own, is("crash_vehicle")]) {
                 *first = first.or(touches.then_some(k));

@@ -138,7 +138,7 @@ fn a_restored_world_remembers_what_it_is_leaving() {
     let state = simulation.world().state().clone();
     for _ in 0..3 {
         simulation.step().unwrap();
-        assert!(simulation.world().facts().on_edge && !simulation.world().facts().off_road);
+        assert!(simulation.world().events().on_edge && !simulation.world().events().off_road);
     }
     let mut world = simulation.world().clone();
     world.restore(&state).unwrap();

@@ -50,7 +50,7 @@ fn contacts_are_those_of_a_plain_test_of_all_boxes() {
                     expected.push(to.track);
                 }
             }
-            let found: Vec<usize> = world.facts().contacts.iter().map(|contact| contact.track).collect();
+            let found: Vec<usize> = world.events().contacts.iter().map(|contact| contact.track).collect();
             let has_levels = scene.index().has_levels(3.0);
             let ground =
                 |track: usize| world.bodies().iter().find(|body| body.track == track).unwrap().ground;
@@ -83,10 +83,10 @@ fn bodies_out_of_reach_do_not_change_the_path() {
                     "{} {name} {:e} {:?}",
                     scene.scene().id,
                     a.heading - b.heading,
-                    near.world().facts().contacts.len()
+                    near.world().events().contacts.len()
                 );
                 let tracks = |s: &Simulation| -> Vec<usize> {
-                    s.world().facts().contacts.iter().map(|contact| contact.track).collect()
+                    s.world().events().contacts.iter().map(|contact| contact.track).collect()
                 };
                 assert_eq!(tracks(&near), tracks(&all));
             }
@@ -119,7 +119,7 @@ fn traffic_is_not_pushed_and_the_ego_is() {
     for step in 1..60 {
         world.step(Control::Drive(Action { steer: 0.0, throttle: 0.1 }), None).unwrap();
         assert_eq!(world.bodies()[0].area.center, [30.0, 0.0]);
-        first = first.or((!world.facts().contacts.is_empty()).then_some(step));
+        first = first.or((!world.events().contacts.is_empty()).then_some(step));
         assert!(world.motion().position[0] < 25.6, "the ego is in the wall at step {step}");
     }
     // 25.5 m of free road at 15 m/s.
@@ -164,7 +164,7 @@ fn contacts_of_a_drive_are_those_of_a_plain_test() {
             if scene.index().has_levels(3.0) {
                 break;
             }
-            let found: Vec<usize> = world.facts().contacts.iter().map(|contact| contact.track).collect();
+            let found: Vec<usize> = world.events().contacts.iter().map(|contact| contact.track).collect();
             assert!(expected.iter().all(|track| found.contains(track)), "{} frame {frame}", scene.scene().id);
             assert_eq!(expected.is_empty(), found.is_empty(), "{} frame {frame}", scene.scene().id);
             if !found.is_empty() {

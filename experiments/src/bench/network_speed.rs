@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_backbones::{
     Backbone, backbones,
-    candidates::Selection,
+    candidates::Sampling,
     features::Features,
     nn::AdamWConfig,
     prediction::predict,
@@ -103,7 +103,7 @@ pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> 
                     &*ours,
                     features.clone(),
                     CANDIDATES,
-                    Selection::TopK,
+                    Sampling::TopK,
                     &mut Rng::new(0, "", ""),
                 ));
             });
@@ -229,7 +229,7 @@ fn forward(network: &dyn Backbone, cases: &[Case], repeat: usize) -> Result<Vec<
     for case in cases {
         let features = features(network, case)?;
         medians.extend(over(std::slice::from_ref(case), repeat, |_| {
-            Ok(predict(network, features.clone(), CANDIDATES, Selection::TopK, &mut Rng::new(0, "", ""))?)
+            Ok(predict(network, features.clone(), CANDIDATES, Sampling::TopK, &mut Rng::new(0, "", ""))?)
         })?);
     }
     Ok(medians)

@@ -42,7 +42,8 @@ pub(crate) struct SimulateArgs {
     pub scene: PathBuf,
     /// Comma-separated policies that drive the ego, by their names in `sage list`; path:FILE, a drive of your own
     /// planner; or your own planner: py:MODULE:CLASS, a class of Python (which needs the package advsage), or 'cmd:COMMAND', a
-    /// program, which takes the rest of the text. May be repeated.
+    /// program, which takes the rest of the text. NAME=POLICY gives
+    /// it a name in rows and tables. May be repeated.
     #[arg(long, help_heading = DRIVER, value_name = "POLICIES", default_value = "idm")]
     pub ego: Vec<DriverSpecs>,
     #[command(flatten)]

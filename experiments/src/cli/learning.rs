@@ -158,7 +158,7 @@ pub(crate) struct PredictArgs {
     pub reading: ReadingArgs,
 }
 
-/// Names of [`sage_backbones::candidates::Selection`].
+/// Names of [`sage_backbones::candidates::Sampling`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum SelectArg {
     /// The most likely candidates.

@@ -75,8 +75,8 @@ pub(crate) struct AxisArgs {
     #[arg(long, alias = "methods", value_name = "NAMES")]
     pub method: Option<String>,
     /// Comma-separated driving policies; `sage list` shows them. path:FILE is a drive of your own planner, and
-    /// py:MODULE:CLASS or 'cmd:COMMAND' your own planner, a class of Python or a program, which takes the rest of the text. May
-    /// be repeated.
+    /// py:MODULE:CLASS or 'cmd:COMMAND' your own planner, a class of Python or a program, which takes the rest of the text.
+    /// NAME=POLICY gives it a name in rows and tables. May be repeated.
     #[arg(long, help_heading = DRIVER, alias = "policies", value_name = "POLICIES")]
     pub ego: Vec<DriverSpecs>,
     /// Drive the unchanged scenes alone.

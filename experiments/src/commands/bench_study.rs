@@ -12,7 +12,7 @@ use sage_backbones::Backbone;
 use sage_bench::{
     chart::learning::{self, CURVES},
     measure::ExpertSource,
-    plan::{self, Plan},
+    prepared_study::{self, PreparedStudy},
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
     rows::Results,
     runner::{self, Observer},
@@ -25,7 +25,7 @@ use sage_run::{
     Outcome, networks,
     outcome::EndsWith,
     output::{
-        self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, Producer, SceneRecord, ShardState,
+        self, Counts, DatasetRun, Ended, Extent, Folder, Inputs, MANIFEST, Producer, SceneRecord, ShardState,
     },
     progress::{self, Progress, count},
     scenes::Scenes,
@@ -48,7 +48,7 @@ const LIMIT: u64 = 1 << 30;
 /// What identifies a run.
 #[derive(Serialize)]
 struct Identity<'a> {
-    plan: &'a plan::Identity,
+    plan: &'a prepared_study::Identity,
     scenes: String,
     #[serde(flatten)]
     by: Producer,
@@ -57,8 +57,8 @@ struct Identity<'a> {
 /// A study with its scenes.
 struct Job<'a> {
     args: &'a StudyArgs,
-    part: Part,
-    plan: Plan,
+    extent: Extent,
+    prepared: PreparedStudy,
     scenes: Scenes,
     /// Files and short names of all scenes, in their order.
     paths: Vec<String>,
@@ -68,24 +68,24 @@ struct Job<'a> {
 }
 
 /// Runs a study.
-pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Result<Outcome> {
+pub(crate) fn run(args: &StudyArgs, extent: Extent, registries: &Registries) -> Result<Outcome> {
     let out = args.folder.out.as_deref().context("--out names no folder")?;
-    let job = Job::new(args, part, registries)?;
+    let job = Job::new(args, extent, registries)?;
     let run = job.start(out)?;
     if run.is_done() {
-        return match part {
-            Part::Whole | Part::Join => show_again(args, &run, &job.scenes, out),
-            Part::Shard(_) => Ok(job.scenes.outcome()),
+        return match extent {
+            Extent::Whole | Extent::Join => show_again(args, &run, &job.scenes, out),
+            Extent::Shard(_) => Ok(job.scenes.outcome()),
         };
     }
     let all_names: Vec<&str> = job.names.iter().map(String::as_str).collect();
     run.agree_on_scenes(&all_names)?;
-    let shards = if part == Part::Join { run.joined(&all_names)?.1 } else { Vec::new() };
+    let shards = if extent == Extent::Join { run.joined(&all_names)?.1 } else { Vec::new() };
     let chosen = ChosenScenes::new(&job.scenes, &job.names);
     let results = job.measure(&run, &chosen)?;
-    match part {
-        Part::Shard(shard) => run.finish_shard(shard, &job.shard_records(run.folder())?)?,
-        Part::Whole | Part::Join => job.report(run, &chosen, &results, &shards)?,
+    match extent {
+        Extent::Shard(shard) => run.finish_shard(shard, &job.shard_records(run.folder())?)?,
+        Extent::Whole | Extent::Join => job.report(run, &chosen, &results, &shards)?,
     }
     Ok(job.scenes.outcome())
 }
@@ -94,48 +94,49 @@ impl<'a> Job<'a> {
     /// Plans the study and lists its scenes.
     ///
     /// *Errors*: a study that cannot be planned; no scenes.
-    fn new(args: &'a StudyArgs, part: Part, registries: &Registries) -> Result<Self> {
-        let plan = Plan::new(adapted(args, registries)?, registries, &Weights(registries))?;
-        plan.notes.iter().for_each(|note| progress::say_once(&format!("note: {note}")));
+    fn new(args: &'a StudyArgs, extent: Extent, registries: &Registries) -> Result<Self> {
+        let prepared = PreparedStudy::new(adapted(args, registries)?, registries, &Weights(registries))?;
+        prepared.notes.iter().for_each(|note| progress::say_once(&format!("note: {note}")));
         let paths = [&args.paths[..], &args.data].concat();
-        let procedural = args.procedural.unwrap_or(plan.study.procedural);
+        let procedural = args.procedural.unwrap_or(prepared.study.procedural);
         if paths.is_empty() && procedural == 0 {
             bail!("name scenes, or a number of procedural ones with --procedural");
         }
-        let all = Scenes::of(&paths, &args.split.filter(), procedural, plan.study.scene_seed)?;
+        let all = Scenes::of(&paths, &args.split.filter(), procedural, prepared.study.scene_seed)?;
         let paths = all.names();
         let names = short_names(&paths);
-        let own: Vec<usize> = (0..names.len()).filter(|number| is_own(part, &names[*number])).collect();
+        let own: Vec<usize> = (0..names.len()).filter(|number| is_own(extent, &names[*number])).collect();
         let scenes = all.only(|number| own.binary_search(&number).is_ok());
-        let scenes = match (plan.needs_adversary(), part) {
+        let scenes = match (prepared.needs_adversary(), extent) {
             _ if own.is_empty() => scenes,
-            (needs_adversary, Part::Shard(_)) => scenes.some(needs_adversary)?,
+            (needs_adversary, Extent::Shard(_)) => scenes.some(needs_adversary)?,
             (true, _) => scenes.attackable()?,
             (false, _) => scenes.known()?,
         };
-        Ok(Self { args, part, plan, scenes, paths, names, own })
+        Ok(Self { args, extent, prepared, scenes, paths, names, own })
     }
 
     fn start(&self, out: &Path) -> Result<DatasetRun> {
         let identity =
-            Identity { plan: &self.plan.identity, scenes: described(&self.names), by: Producer::own() };
+            Identity { plan: &self.prepared.identity, scenes: described(&self.names), by: Producer::own() };
         Inputs::of_command_line().refuse_folder(out)?;
         let outdated = || vec![RESULTS.to_owned(), MANIFEST.to_owned()];
         let (identity, force) = (serde_json::to_value(identity)?, self.args.folder.force);
-        DatasetRun::start(out, identity, force, self.part, &REPORT_FILES, outdated)
+        DatasetRun::start(out, identity, force, self.extent, &REPORT_FILES, outdated)
     }
 
     /// Measures what no earlier run did.
     fn measure(&self, run: &DatasetRun, chosen: &ChosenScenes) -> Result<Results> {
         run.folder().inner(RESULTS.as_ref())?;
-        if self.plan.has_programs && self.part != Part::Join {
-            self.plan.write_logs_to(&output::log_folder(run.folder(), self.part)?);
+        if self.prepared.has_programs && self.extent != Extent::Join {
+            self.prepared.write_logs_to(&output::log_folder(run.folder(), self.extent)?);
         }
         let progress = Progress::new("measured", chosen.names.len());
         let mut follow = Follow { progress, scenes: &self.scenes };
         let store = StoredResults { folder: run.folder(), scenes: &self.scenes };
-        let results = runner::run(&self.plan, chosen, &store, &mut follow)?;
-        let [methods, scenes] = [count(self.plan.keys.len(), "method"), count(results.scenes.len(), "scene")];
+        let results = runner::run(&self.prepared, chosen, &store, &mut follow)?;
+        let [methods, scenes] =
+            [count(self.prepared.keys.len(), "method"), count(results.scenes.len(), "scene")];
         follow.progress.finish(&format!("{methods} on {scenes}"));
         Ok(results)
     }
@@ -168,12 +169,12 @@ impl<'a> Job<'a> {
             let error = anyhow!("nothing could be measured in any of {} scenes", chosen.names.len());
             return Err(EndsWith(Outcome::BadScenes, error).into());
         }
-        let study = &self.plan.study;
+        let study = &self.prepared.study;
         let mut report = Report::new(study, results)?;
         report.notes += &self.scenes.warnings_as_markdown();
         report.files.extend(learning::charts(&curves_of(study)?)?);
         if study.report.pictures {
-            gallery::write(run.folder(), &self.plan, chosen, results, &report)?;
+            gallery::write(run.folder(), &self.prepared, chosen, results, &report)?;
         }
         write(run.folder(), &report, &StudyRecord::new(study, results))?;
         let records = self.records();
@@ -212,8 +213,8 @@ fn curves_of(study: &Study) -> Result<Vec<(String, String)>> {
 }
 
 /// True if a part measures a scene. The join reads all, to report on them.
-fn is_own(part: Part, name: &str) -> bool {
-    part == Part::Join || part.holds(name)
+fn is_own(extent: Extent, name: &str) -> bool {
+    extent == Extent::Join || extent.holds(name)
 }
 
 /// Shows the report of a finished run.

@@ -14,7 +14,7 @@ use anyhow::Result;
 use sage_data::{Format, ReadOptions, stream::Inputs, womd};
 use sage_run::{
     Outcome, input,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, ShardState},
+    output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST, SceneRecord, ShardState},
     progress::{Progress, count},
 };
 use serde::Serialize;
@@ -47,11 +47,11 @@ impl Tally {
     }
 }
 
-pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
+pub(crate) fn run(args: &ConvertArgs, extent: Extent) -> Result<Outcome> {
     args.check()?;
     args.paths.iter().try_for_each(|path| input::check_single(std::slice::from_ref(path)))?;
     if let Some(of) = &args.of {
-        return rows::run(args, of, part);
+        return rows::run(args, of, extent);
     }
     let inputs = Inputs::under(&args.paths).map_err(|error| rows::explained(error.into(), &args.paths))?;
     let suffix = args.reading.options().suffix();
@@ -69,18 +69,18 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
         out,
         serde_json::to_value(identity(args, &inputs))?,
         args.folder.force,
-        part,
+        extent,
         &[MANIFEST],
         outdated,
     )?;
-    if part == Part::Join {
+    if extent == Extent::Join {
         return join(args, run);
     }
-    let mut progress = Progress::new("converted", inputs.count().filter(|_| part == Part::Whole));
+    let mut progress = Progress::new("converted", inputs.count().filter(|_| extent == Extent::Whole));
     let mut tally = Tally::default();
     let outcome = match args.to {
-        Format::TfRecord => tfrecords::convert(args, part, &inputs, &run, &mut progress, &mut tally),
-        _ => scenes::convert(args, part, &inputs, &run, &mut progress, &mut tally),
+        Format::TfRecord => tfrecords::convert(args, extent, &inputs, &run, &mut progress, &mut tally),
+        _ => scenes::convert(args, extent, &inputs, &run, &mut progress, &mut tally),
     };
     let Tally { whole, failed, notes, names, records } = tally;
     if let Err(error) = outcome {
@@ -102,12 +102,12 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
     }
     progress.finish(&format!("{} in `{}`, {failed} failed", count(whole, "scene"), out.display()));
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    match part {
-        Part::Shard(shard) => {
+    match extent {
+        Extent::Shard(shard) => {
             run.agree_on_scenes(&names)?;
             run.finish_shard(shard, &records)?;
         }
-        Part::Whole | Part::Join => finish(args, run, &records, &[])?,
+        Extent::Whole | Extent::Join => finish(args, run, &records, &[])?,
     }
     Ok(outcome_of(&records))
 }

@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use clap::Parser;
 use sage_run::{
     Outcome,
-    output::{Folder, Part},
+    output::{Extent, Folder},
     progress,
 };
 
@@ -42,7 +42,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
         let words = [&["sage"], command, force].concat();
         match Cli::try_parse_from(words)?.command {
             Command::Scenes(args) => scenes::run(&args),
-            Command::Generate(args) => generate::run(&args, Part::Whole, registries),
+            Command::Generate(args) => generate::run(&args, Extent::Whole, registries),
             _ => bail!("the demo has no such command"),
         }
     };

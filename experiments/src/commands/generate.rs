@@ -2,10 +2,10 @@
 
 use advsage::Registries;
 use anyhow::Result;
-use sage_run::{Outcome, generate, output::Part};
+use sage_run::{Outcome, generate, output::Extent};
 
 use crate::cli::GenerateArgs;
 
-pub(crate) fn run(args: &GenerateArgs, part: Part, registries: &Registries) -> Result<Outcome> {
-    generate::run(&args.options()?, part, registries)
+pub(crate) fn run(args: &GenerateArgs, extent: Extent, registries: &Registries) -> Result<Outcome> {
+    generate::run(&args.options()?, extent, registries)
 }

@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, bail};
 use clap::Parser as _;
 use sage_run::{
     Outcome,
-    output::{self, Part, RECORD},
+    output::{self, Extent, RECORD},
     progress,
 };
 
@@ -27,12 +27,12 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
     words.splice(2..2, ["--out".to_owned(), folder.clone()]);
     let no_such = || format!("`{folder}` was not begun by this version of sage: its command is `{command}`");
     let joined = match Cli::try_parse_from(&words).with_context(no_such)?.command {
-        Command::Generate(args) => generate::run(&args, Part::Join, &registries.parts),
-        Command::Simulate(args) => simulate::run(&args, Part::Join, &registries.parts),
-        Command::Search(args) => search::run(&args, Part::Join, &registries.parts),
-        Command::Convert(args) => convert::run(&args, Part::Join),
+        Command::Generate(args) => generate::run(&args, Extent::Join, &registries.parts),
+        Command::Simulate(args) => simulate::run(&args, Extent::Join, &registries.parts),
+        Command::Search(args) => search::run(&args, Extent::Join, &registries.parts),
+        Command::Convert(args) => convert::run(&args, Extent::Join),
         Command::Bench(args) if args.command.is_none() => {
-            bench_study::run(&args.study, Part::Join, registries)
+            bench_study::run(&args.study, Extent::Join, registries)
         }
         _ => bail!("`{folder}` has no shards: it is of `{command}`"),
     };

@@ -5,7 +5,7 @@ use std::{io::Write, sync::Arc};
 use advsage::Registries;
 use anyhow::{Context as _, Result};
 use sage_backbones::{
-    candidates::Selection,
+    candidates::Sampling,
     prediction::{Predicted, predict},
 };
 use sage_core::{
@@ -55,9 +55,9 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
         );
     }
     let selection = match args.select {
-        SelectArg::TopK => Selection::TopK,
-        SelectArg::Gumbel => Selection::Gumbel,
-        SelectArg::Nms => Selection::Nms { radius: args.radius },
+        SelectArg::TopK => Sampling::TopK,
+        SelectArg::Gumbel => Sampling::Gumbel,
+        SelectArg::Nms => Sampling::Nms { radius: args.radius },
     };
     let mut rng = Rng::new(args.seed, &scene.id, "prediction");
     let predicted = predict(&*loaded.network, Arc::new(features), args.k, selection, &mut rng)?;

@@ -16,7 +16,7 @@ use anyhow::{Result, bail};
 use sage_data::Format;
 use sage_run::{
     Outcome,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part},
+    output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST},
     progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, is_row_of, work_on},
 };
@@ -26,10 +26,10 @@ use scene::picture_file;
 use searcher::Searcher;
 use summary::Summary;
 
-pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Result<Outcome> {
+pub(crate) fn run(args: &SearchArgs, extent: Extent, registries: &Registries) -> Result<Outcome> {
     let searcher = Searcher::new(args, registries)?;
     let scenes = Scenes::find(&args.scene, &args.reading.options())?;
-    let (all, own) = (&scenes.all, scenes.of_part(part));
+    let (all, own) = (&scenes.all, scenes.of_part(extent));
     check_names(all)?;
     scenes.protect(&args.folder.out, args.ego.files())?;
     let out = &args.folder.out;
@@ -37,18 +37,18 @@ pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Res
         let of_scenes = own.iter().flat_map(|input| outputs(out, input));
         of_scenes.chain([MANIFEST.to_owned()]).collect()
     };
-    let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
-    output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&searcher.ego))?;
+    let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, extent, &[MANIFEST], outdated)?;
+    output::keep_planner_logs(run.folder(), extent, std::slice::from_ref(&searcher.ego))?;
     let report = |count| {
         Report::new(run.folder().path(), args.json, count, ReportWords { done: "searched", result: "scene" })
     };
-    let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&searcher, &run, input))?;
-    let (records, shown) = (&worked.records, scenes.reported_by(part));
+    let worked = Worked::on(&scenes, extent, &run, report, |input| work_on(&searcher, &run, input))?;
+    let (records, shown) = (&worked.records, scenes.reported_by(extent));
     let rows = shown.into_iter().filter_map(|input| done(run.folder().path(), run.hash(), input));
     let summary = Summary::of(rows, args.require);
-    match part {
-        Part::Shard(shard) => run.finish_shard(shard, records)?,
-        Part::Whole | Part::Join => {
+    match extent {
+        Extent::Shard(shard) => run.finish_shard(shard, records)?,
+        Extent::Whole | Extent::Join => {
             let mut results = scene_queue::results(records);
             for (name, value) in summary.json() {
                 results[&name] = value;
@@ -64,7 +64,7 @@ pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Res
         }
     }
     progress::say_lines(&summary.text());
-    Ok(scene_queue::outcome(records, part, out, "searched", scene_queue::AGAIN))
+    Ok(scene_queue::outcome(records, extent, out, "searched", scene_queue::AGAIN))
 }
 
 /// Refuses scenes one of whose files would have the name of a file of another.

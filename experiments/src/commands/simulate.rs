@@ -20,7 +20,7 @@ use anyhow::{Result, bail};
 use sage_data::ReadOptions;
 use sage_run::{
     Outcome, networks,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, Producer, RECORD},
+    output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST, Producer, RECORD},
     progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, work_on},
 };
@@ -62,7 +62,7 @@ struct Identity<'a> {
 }
 
 /// All inputs of the command except the scenes.
-struct Simulation<'a> {
+struct Job<'a> {
     args: &'a SimulateArgs,
     egos: Vec<Ego>,
     attacked: Attacked,
@@ -70,7 +70,7 @@ struct Simulation<'a> {
     subtitle: String,
 }
 
-impl<'a> Simulation<'a> {
+impl<'a> Job<'a> {
     /// Checks all arguments except the scenes; reads weights and the attack.
     ///
     /// *Errors*: an argument is out of range or names an unknown part; a file cannot be read.
@@ -156,7 +156,7 @@ impl<'a> Simulation<'a> {
 /// The drivers that are named, in their order.
 fn drivers(args: &SimulateArgs) -> Vec<DriverSpec> {
     let all = args.ego.iter().flat_map(|DriverSpecs(parts)| parts);
-    all.map(|part| args.planner.applied(part)).collect()
+    all.map(|extent| args.planner.applied(extent)).collect()
 }
 
 /// Refuses options of an attack if nothing generates one.
@@ -167,10 +167,10 @@ fn refuse_attack_options(args: &SimulateArgs) -> Result<()> {
     }
 }
 
-pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> Result<Outcome> {
-    let simulation = Simulation::new(args, registries)?;
+pub(crate) fn run(args: &SimulateArgs, extent: Extent, registries: &Registries) -> Result<Outcome> {
+    let simulation = Job::new(args, registries)?;
     let scenes = Scenes::find(&args.scene, &args.reading.options())?;
-    let (inputs, own) = (&scenes.all, scenes.of_part(part));
+    let (inputs, own) = (&scenes.all, scenes.of_part(extent));
     if inputs.len() > 1 && args.attack.is_some() {
         bail!(
             "--attack is on one scene, and `{}` holds {}; to drive a folder of attacked scenes, give it as SCENE",
@@ -178,7 +178,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
             inputs.len()
         );
     }
-    if args.check_planner && part != Part::Join {
+    if args.check_planner && extent != Extent::Join {
         let mut planners = drivers(args);
         planners.retain(DriverSpec::is_program);
         check_planner::check(args, &planners, registries, inputs)?;
@@ -204,16 +204,17 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
         let of_scenes = own.iter().copied().flat_map(outputs);
         of_scenes.chain([index::FILE, MANIFEST, output::PLANNER_LOGS].map(str::to_owned)).collect()
     };
-    let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
-    output::keep_planner_logs(run.folder(), part, &simulation.egos)?;
+    let run =
+        DatasetRun::start(out, simulation.identity()?, args.folder.force, extent, &[MANIFEST], outdated)?;
+    output::keep_planner_logs(run.folder(), extent, &simulation.egos)?;
     let report = |count| {
         Report::new(run.folder().path(), args.json, count, ReportWords { done: "driven", result: "drive" })
     };
-    let worked = Worked::on(&scenes, part, &run, report, |input| work_on(&simulation, &run, input))?;
+    let worked = Worked::on(&scenes, extent, &run, report, |input| work_on(&simulation, &run, input))?;
     let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
-    match part {
-        Part::Shard(shard) => run.finish_shard(shard, records)?,
-        Part::Whole | Part::Join => {
+    match extent {
+        Extent::Shard(shard) => run.finish_shard(shard, records)?,
+        Extent::Whole | Extent::Join => {
             index::write(run.folder(), &simulation, inputs, &hash)?;
             run.finish(Ended {
                 records,
@@ -225,7 +226,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
             })?;
         }
     }
-    if let Some(table) = summary::table(&simulation, &folder, &scenes.reported_by(part), &hash) {
+    if let Some(table) = summary::table(&simulation, &folder, &scenes.reported_by(extent), &hash) {
         sage_run::printing::print_table(&table, args.json)?;
     }
     let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
@@ -236,5 +237,5 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
         true => "run the same command again; after a change of a planner with --force, or into another --out",
         false => scene_queue::AGAIN,
     };
-    Ok(scene_queue::outcome(records, part, out, "driven", again))
+    Ok(scene_queue::outcome(records, extent, out, "driven", again))
 }

@@ -7,7 +7,7 @@ use sage_core::files::OutputLock;
 use sage_data::dataset::Shard;
 use sage_run::{
     Outcome,
-    output::{self, Claims, Counts, State, ranges},
+    output::{self, Counts, Manifests, State, ranges},
     progress::count,
     terminal,
 };
@@ -88,14 +88,14 @@ impl Status {
         let folder = &args.folder;
         let command = recorded_command(folder)?;
         let record = output::record_of(folder)?.unwrap_or_default();
-        let claims = Claims::read(folder, &output::run_hash(&record["run"]), args.verify)?;
+        let manifests = Manifests::read(folder, &output::run_hash(&record["run"]), args.verify)?;
         let locked = OutputLock::begun_shards(folder)?;
-        let of = claims.shard_count().or_else(|| locked.first().map(|[_, of]| *of));
-        let unfinished = of.map(|of| claims.unfinished_shards(of)).unwrap_or_default();
+        let of = manifests.shard_count().or_else(|| locked.first().map(|[_, of]| *of));
+        let unfinished = of.map(|of| manifests.unfinished_shards(of)).unwrap_or_default();
         let begun = locked.into_iter().filter(|[_, count]| Some(*count) == of).map(|[number, _]| number);
         let shards = Shards {
             of,
-            ended: claims
+            ended: manifests
                 .shards
                 .iter()
                 .map(|state| state.shard)
@@ -106,35 +106,37 @@ impl Status {
             unfinished,
         };
         let with = |state: State| -> Vec<Reason> {
-            let records = claims.scenes.iter().filter_map(|name| claims.records.get(name));
+            let records = manifests.scenes.iter().filter_map(|name| manifests.records.get(name));
             let reason = |record: &sage_run::output::SceneRecord| Reason {
                 scene: record.scene.clone(),
                 reason: record.reason.clone(),
             };
             records.filter(|record| record.state == state).map(reason).collect()
         };
-        let Counts { done, left_out, bad, retry, .. } = claims.counts();
-        let (all, missing) = (claims.scenes.len(), claims.missing().len());
-        let is_known = !claims.scenes.is_empty();
+        let Counts { done, left_out, bad, retry, .. } = manifests.counts();
+        let (all, missing) = (manifests.scenes.len(), manifests.missing().len());
+        let is_known = !manifests.scenes.is_empty();
         let is_recorded_done = !record["seconds"].is_null();
-        let is_joined = claims.is_joined && !output::has_shards(folder)?;
+        let is_joined = manifests.is_joined && !output::has_shards(folder)?;
         let mut status = Self {
             scenes: is_known.then_some(SceneCounts { all, done, left_out, bad, retry, missing }),
             bad: with(State::Bad),
             retry: with(State::Retry),
             left_out: with(State::LeftOut),
-            bytes: claims.records.values().flat_map(|record| &record.files).map(|file| file.bytes).sum(),
-            core_seconds: match claims.shards.is_empty() {
+            bytes: manifests.records.values().flat_map(|record| &record.files).map(|file| file.bytes).sum(),
+            core_seconds: match manifests.shards.is_empty() {
                 true => record["core_seconds"].as_f64(),
-                false => Some(claims.shards.iter().map(|shard| shard.seconds * shard.threads as f64).sum()),
+                false => {
+                    Some(manifests.shards.iter().map(|shard| shard.seconds * shard.threads as f64).sum())
+                }
             },
             complete: match is_known {
                 true => is_joined && missing == 0 && retry == 0,
                 // A run of these commands has a manifest.
                 false => is_recorded_done && !has_scenes(&command),
             },
-            problems: claims.problems,
-            is_contradicted: claims.is_contradicted,
+            problems: manifests.problems,
+            is_contradicted: manifests.is_contradicted,
             finish: Vec::new(),
             shards,
             command,

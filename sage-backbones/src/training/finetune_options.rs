@@ -4,7 +4,7 @@ use sage_core::{objective::ObjectiveSpec, preference_pairs::Pairing};
 use serde::{Deserialize, Serialize};
 
 use super::pretrain::check;
-use crate::{Error, candidates::Selection};
+use crate::{Error, candidates::Sampling};
 
 /// Options of fine-tuning.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,7 +27,7 @@ pub struct FinetuneOptions {
     /// Candidates per scene.
     pub candidates: usize,
     /// Rule that selects candidates.
-    pub selection: Selection,
+    pub selection: Sampling,
     /// Temperature of HGPO: with a smaller value the policy moves farther from the prior.
     pub kl_beta: f64,
     /// Whether each scene is also used mirrored.
@@ -63,7 +63,7 @@ impl Default for FinetuneOptions {
             margin: 1.0,
             max_pairs: 128,
             candidates: 128,
-            selection: Selection::Gumbel,
+            selection: Sampling::Gumbel,
             kl_beta: 0.05,
             mirror: true,
             epochs: 7,
@@ -106,7 +106,7 @@ impl FinetuneOptions {
             margin: 0.07,
             max_pairs: 64,
             candidates: 64,
-            selection: Selection::Nms { radius: 3.0 },
+            selection: Sampling::Nms { radius: 3.0 },
             kl_beta: 0.3,
             epochs: 1,
             ..Self::default()

@@ -15,7 +15,7 @@ use super::{
 use crate::{
     Error, Parameters,
     backbone::{Backbone, finite},
-    candidates::Selection,
+    candidates::Sampling,
     labels,
     parameters::Header,
     prediction::propose,
@@ -298,7 +298,7 @@ impl Futures<'_> {
             let data = self.held_out.scene(example);
             let truth = recorded(&data.scene.track_as_observed(example.track));
             let encoding = network.encode(Arc::clone(&sample.features))?;
-            let nms = Selection::Nms { radius: self.options.radius };
+            let nms = Sampling::Nms { radius: self.options.radius };
             let named = |error: Error| error.of(data, example.track);
             let six = propose(network, &encoding, 6, nms, &mut Rng::new(0, "", "")).map_err(named)?;
             let log_probs: Vec<f32> = finite(&network.log_probs(&encoding)?).map_err(named)?;

@@ -7,7 +7,7 @@
 use anyhow::Result;
 use sage_backbones::{
     Backbone,
-    candidates::Selection,
+    candidates::Sampling,
     prediction::{Predicted, predict},
 };
 use sage_core::{
@@ -31,7 +31,7 @@ impl EgoSamples {
     pub fn of(data: &SceneData, ctx: &Context, prior: &dyn Backbone) -> Result<Self> {
         let features = prior.features(&data.observe()?, data.scene.ego, None)?;
         let rng = &mut Rng::new(0, &data.scene.id, "ego samples");
-        let predicted = predict(prior, features.into(), SAMPLES, Selection::Nms { radius: APART }, rng)?;
+        let predicted = predict(prior, features.into(), SAMPLES, Sampling::Nms { radius: APART }, rng)?;
         let path = |paths: Option<EgoPaths>, one: &Predicted| -> Result<Option<EgoPaths>> {
             let positions = one.trajectory.points().to_vec();
             let what = "a prediction of the ego";

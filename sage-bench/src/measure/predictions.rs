@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use sage_backbones::{
     Backbone,
-    candidates::Selection,
+    candidates::Sampling,
     encoding::Encoding,
     prediction::{Distances, Predicted, Recorded, propose},
     training::{Example, Examples, recorded},
@@ -151,8 +151,8 @@ impl Predictions {
             let propose = |k, selection| {
                 propose(&**network, &encoding, k, selection, &mut Rng::new(0, "", "")).map_err(name)
             };
-            let six = propose(6, Selection::Nms { radius: *radius })?;
-            let all = propose(EVALUATED, Selection::Nms { radius: *radius })?;
+            let six = propose(6, Sampling::Nms { radius: *radius })?;
+            let all = propose(EVALUATED, Sampling::Nms { radius: *radius })?;
             let lanes = data.index.motor_lanes();
             let on = six.iter().filter(|p| lanes.nearest(end(p), ON_LANE, |_| true).is_some()).count();
             let on_lanes = example.of_interest.then(|| on as f64 / six.len().max(1) as f64);
@@ -161,7 +161,7 @@ impl Predictions {
                 push(k, track.id.clone(), Measured { distances, on_lanes, ..vehicle.copied() });
             }
             if Some(example.track) == data.scene.adversary {
-                let top = propose(EVALUATED, Selection::TopK)?;
+                let top = propose(EVALUATED, Sampling::TopK)?;
                 let random = random_modes(&**network, &encoding, &data.name)?;
                 for (n, measured) in evaluated(data, top, random).into_iter().enumerate() {
                     push(0, format!("candidate {}", n + 1), measured);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sage_backbones::{
     Backbone,
-    candidates::Selection,
+    candidates::Sampling,
     encoding::Encoding,
     features::cat::suppression_radius,
     prediction::{Predicted, propose},
@@ -91,7 +91,7 @@ struct Encoded {
 
 impl PreparedProposer for Encoded {
     fn propose(&self, _: &Mixture, seed: u64) -> Result<Vec<Proposal>, Error> {
-        let nms = Selection::Nms { radius: suppression_radius(self.encoding.features().speed()) };
+        let nms = Sampling::Nms { radius: suppression_radius(self.encoding.features().speed()) };
         let mut rng = Rng::new(seed, &self.scene.id, "candidates");
         let found = propose(&*self.prior, &self.encoding, self.candidates, nms, &mut rng);
         let proposal = |p: Predicted| Proposal {

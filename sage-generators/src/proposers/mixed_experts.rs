@@ -9,7 +9,7 @@ use std::sync::Arc;
 use sage_backbones::{
     Backbone, MotionModel,
     backbone::{finite, trajectories_in_world},
-    candidates::{Selection, select},
+    candidates::{Sampling, select},
     candle::{Device, Tensor},
     encoding::Encoding,
     features::{FORECAST_STEPS, STRIDE},
@@ -208,7 +208,7 @@ impl Encoded {
         let ends = model.mode_ends(encoding)?;
         let mut rng = Rng::new(seed, &self.now.scene().id, "candidates");
         let policy: Vec<f32> = finite(&log_probs)?;
-        let nms = Selection::Nms { radius: options.apart };
+        let nms = Sampling::Nms { radius: options.apart };
         let draw = Draw::of(options.candidates, encoding.features().edge_kinds);
         let modes = select(&policy, &ends, draw.modes, nms, &mut rng);
         let trajectories =

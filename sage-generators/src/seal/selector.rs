@@ -1,4 +1,4 @@
-//! Selection by the learned score: the mean of the predicted collision and of the predicted change of the ego's path.
+//! Choice by the learned score: the mean of the predicted collision and of the predicted change of the ego's path.
 
 use std::sync::Arc;
 
@@ -11,19 +11,19 @@ use sage_core::{
 };
 
 use super::path::relative_paths;
-use crate::selector::{Selection, Selector};
+use crate::selector::{Choice, Selector};
 
 /// Selects the proposal of the highest score, summed over the paths of the ego; the first of equals.
 pub(super) struct CriticalitySelector(pub Arc<SealWeights>);
 
 impl Selector for CriticalitySelector {
-    fn select(&self, proposals: &[Proposal], ctx: &Context, _: f64) -> Result<Selection, Error> {
+    fn select(&self, proposals: &[Proposal], ctx: &Context, _: f64) -> Result<Choice, Error> {
         let plans: Vec<&Trajectory> = proposals.iter().map(|proposal| &proposal.trajectory).collect();
         let scores = learned_scores(&self.0.criticality, &plans, ctx, ctx.egos()).map_err(|error| {
             Error::Scene { scene: ctx.scene().id.clone(), problem: format!("learned score: {error}") }
         })?;
         let best = (0..scores.len()).rev().max_by(|a, b| scores[*a].total_cmp(&scores[*b]));
-        Ok(Selection { chosen: best.unwrap_or(0), note: None })
+        Ok(Choice { chosen: best.unwrap_or(0), note: None })
     }
 }
 

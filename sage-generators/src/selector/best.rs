@@ -15,7 +15,7 @@ use sage_core::{
     objective::{Candidate, Context, Evaluation, Objective},
 };
 
-use super::{Selection, Selector};
+use super::{Choice, Selector};
 use crate::{Facts, GeneratorInputs};
 
 /// Largest number of candidates that are kept between their bound and their evaluation.
@@ -43,17 +43,12 @@ impl Best {
 }
 
 impl Selector for Best {
-    fn select(&self, proposals: &[Proposal], ctx: &Context, mu: f64) -> Result<Selection, Error> {
+    fn select(&self, proposals: &[Proposal], ctx: &Context, mu: f64) -> Result<Choice, Error> {
         Ok(self.best(&mut Evaluated::new(proposals, ctx), mu))
     }
 
     /// A proposal is evaluated once for all μ.
-    fn select_each(
-        &self,
-        proposals: &[Proposal],
-        ctx: &Context,
-        mus: &[f64],
-    ) -> Result<Vec<Selection>, Error> {
+    fn select_each(&self, proposals: &[Proposal], ctx: &Context, mus: &[f64]) -> Result<Vec<Choice>, Error> {
         let mut evaluated = Evaluated::new(proposals, ctx);
         Ok(mus.iter().map(|mu| self.best(&mut evaluated, *mu)).collect())
     }
@@ -61,7 +56,7 @@ impl Selector for Best {
 
 impl Best {
     /// Evaluates proposals by descending upper bound and stops when no other proposal can be the best.
-    fn best(&self, all: &mut Evaluated, mu: f64) -> Selection {
+    fn best(&self, all: &mut Evaluated, mu: f64) -> Choice {
         let objective = &*self.0;
         let at_most = |k: usize| (objective.value_at_most(&all.candidate(k), all.ctx, mu), k);
         let mut order: Vec<(f64, usize)> = (0..all.proposals.len()).map(at_most).collect();
@@ -127,17 +122,17 @@ impl<'p> Evaluated<'p> {
     }
 
     /// The best of some proposals that are evaluated.
-    fn best_of(&self, used: &[usize], objective: &Objective, mu: f64) -> Selection {
+    fn best_of(&self, used: &[usize], objective: &Objective, mu: f64) -> Choice {
         let evaluations: Vec<&Evaluation> = used.iter().filter_map(|k| self.known[*k].as_ref()).collect();
-        let Selection { chosen, note } = best_of(&evaluations, objective, mu);
-        Selection { chosen: used.get(chosen).copied().unwrap_or(0), note }
+        let Choice { chosen, note } = best_of(&evaluations, objective, mu);
+        Choice { chosen: used.get(chosen).copied().unwrap_or(0), note }
     }
 }
 
 /// The best feasible evaluation at a weight μ, the first of equals; in place of a hit that a person would not believe the best
 /// believable one, if the objective prefers it. If none is feasible, the one with the largest value minus the cost of its
 /// violations, with a note.
-pub fn best_of<E: Borrow<Evaluation>>(evaluations: &[E], objective: &Objective, mu: f64) -> Selection {
+pub fn best_of<E: Borrow<Evaluation>>(evaluations: &[E], objective: &Objective, mu: f64) -> Choice {
     let best = |value: &dyn Fn(&Evaluation) -> Option<f64>| {
         let mut best: Option<(usize, f64)> = None;
         for (k, evaluation) in evaluations.iter().enumerate() {
@@ -153,10 +148,10 @@ pub fn best_of<E: Borrow<Evaluation>>(evaluations: &[E], objective: &Objective, 
             objective.spec().believable_first && evaluations[chosen].borrow().is_unbelievable_hit();
         let believable = || best(&|e| e.is_believable.then(|| objective.value(e, mu)));
         let chosen = is_unbelievable_hit.then(believable).flatten().unwrap_or(chosen);
-        return Selection { chosen, note: None };
+        return Choice { chosen, note: None };
     }
     let chosen = best(&|e| Some(objective.value(e, mu) - e.cost())).unwrap_or(0);
-    Selection { chosen, note: Some(Note::NoneFeasible) }
+    Choice { chosen, note: Some(Note::NoneFeasible) }
 }
 
 #[cfg(test)]
@@ -195,7 +190,7 @@ mod tests {
             evaluation(5.0, 9.0, 0.0),
         ];
         let selected = |mu| best_of(&all, &objective("paper-selection"), mu);
-        assert_eq!(selected(1.0), Selection { chosen: 2, note: None });
+        assert_eq!(selected(1.0), Choice { chosen: 2, note: None });
         assert_eq!(selected(0.0).chosen, 1, "the least penalised");
         assert_eq!(selected(0.5).chosen, 1);
     }
@@ -204,7 +199,7 @@ mod tests {
     fn without_a_feasible_one_the_least_violating_is_selected_with_a_note() {
         let all = [evaluation(9.0, 2.0, 60.0), evaluation(3.0, 2.0, 10.0), evaluation(9.0, 2.0, 50.0)];
         let selection = best_of(&all, &objective("paper-selection"), 1.0);
-        assert_eq!(selection, Selection { chosen: 1, note: Some(Note::NoneFeasible) });
+        assert_eq!(selection, Choice { chosen: 1, note: Some(Note::NoneFeasible) });
     }
 
     #[test]

@@ -14,7 +14,7 @@ use sage_core::{
     objective::{Context, Situation},
 };
 
-use super::{Selection, Selector};
+use super::{Choice, Selector};
 use crate::Facts;
 
 /// First rank, from 0, of those that count as equally likely.
@@ -38,7 +38,7 @@ impl CatSelector {
 }
 
 impl Selector for CatSelector {
-    fn select(&self, proposals: &[Proposal], ctx: &Context, _: f64) -> Result<Selection, Error> {
+    fn select(&self, proposals: &[Proposal], ctx: &Context, _: f64) -> Result<Choice, Error> {
         let log_probs = proposals.iter().map(|p| p.log_prob).collect::<Option<Vec<f64>>>();
         let log_probs = log_probs.ok_or_else(|| Error::Scene {
             scene: ctx.scene().id.clone(),
@@ -48,7 +48,7 @@ impl Selector for CatSelector {
         let ego: Vec<_> = ctx.egos().iter().map(|ego| (ego.positions(), ego.weight())).collect();
         let result = cat_select(&trajectories, &log_probs, &ego, ctx.size(), ctx.ego_size());
         let note = (!result.collides).then(|| note(proposals, ctx));
-        Ok(Selection { chosen: result.chosen, note })
+        Ok(Choice { chosen: result.chosen, note })
     }
 }
 

@@ -6,7 +6,7 @@ use sage_core::{
     objective::Context,
 };
 
-use super::{Selection, Selector};
+use super::{Choice, Selector};
 use crate::Facts;
 
 /// Selects the first proposal.
@@ -18,7 +18,7 @@ impl First {
 }
 
 impl Selector for First {
-    fn select(&self, _: &[Proposal], _: &Context, _: f64) -> Result<Selection, Error> {
-        Ok(Selection { chosen: 0, note: None })
+    fn select(&self, _: &[Proposal], _: &Context, _: f64) -> Result<Choice, Error> {
+        Ok(Choice { chosen: 0, note: None })
     }
 }

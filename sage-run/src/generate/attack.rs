@@ -3,7 +3,7 @@
 use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
 use advsage::{
-    attacked_files::{self, AttackedFiles, Facts},
+    attacked_files::{self, AttackSummary, AttackedFiles},
     latest_start,
     prepared::Prepared,
     rows::{
@@ -21,9 +21,9 @@ use sage_data::{ReadOptions, Recording, checks};
 use sage_sim::avoidable::Avoidance;
 
 use super::{
+    job::Job,
     measured::{MeasuredAttack, measured},
     names::{page_file, picture_file, row_file},
-    plan::Plan,
     scored::{Candidates, ScoredCandidates},
     view::SceneView,
 };
@@ -32,7 +32,7 @@ use crate::{
     scene_queue::{self, Line, SceneFile, SceneJob, SceneReport},
 };
 
-impl SceneJob for Plan<'_> {
+impl SceneJob for Job<'_> {
     fn reading(&self) -> ReadOptions {
         self.options.reading.clone()
     }
@@ -62,36 +62,36 @@ impl SceneJob for Plan<'_> {
 
 /// Writes the attacks of one scene.
 struct SceneWriter<'w> {
-    plan: &'w Plan<'w>,
+    job: &'w Job<'w>,
     run: &'w DatasetRun,
     scene: &'w str,
     source_hash: &'w str,
 }
 
 impl<'w> SceneWriter<'w> {
-    fn new(plan: &'w Plan<'w>, run: &'w DatasetRun, scene: &'w SceneFile) -> Self {
-        Self { plan, run, scene: &scene.input.scene, source_hash: &scene.hash }
+    fn new(job: &'w Job<'w>, run: &'w DatasetRun, scene: &'w SceneFile) -> Self {
+        Self { job, run, scene: &scene.input.scene, source_hash: &scene.hash }
     }
 
     fn attack(&self, recording: Recording) -> Result<SceneReport> {
-        let plan = self.plan;
-        let generator = &plan.generator;
+        let job = self.job;
+        let generator = &job.generator;
         let warnings = checks::important(&recording.scene);
-        let files = AttackedFiles::new(&recording, self.scene, plan.options.format, plan.scenario_options())?;
-        files.check_names(plan.variants().iter().map(|variant| &**variant))?;
-        let scene = Arc::new(recording.scene.with_roles(None, plan.options.adversary.as_deref())?);
+        let files = AttackedFiles::new(&recording, self.scene, job.options.format, job.scenario_options())?;
+        files.check_names(job.variants().iter().map(|variant| &**variant))?;
+        let scene = Arc::new(recording.scene.with_roles(None, job.options.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
         index.build_all();
         let seed = generator.spec.seed;
-        let drives = |scene: &_| plan.ego.test(scene, seed);
-        let prepared = Prepared::new(scene, &index, &*plan.ego.policy, drives)?;
+        let drives = |scene: &_| job.ego.test(scene, seed);
+        let prepared = Prepared::new(scene, &index, &*job.ego.policy, drives)?;
         let (test, ctx) = (&prepared.test, &prepared.ctx);
         let scene = ctx.scene().clone();
-        let avoidance = Avoidance::new(ctx, plan.options.avoidable.unwrap_or_default())?;
+        let avoidance = Avoidance::new(ctx, job.options.avoidable.unwrap_or_default())?;
         let clock = Instant::now();
         let mut attacks = generator.built.attacks(ctx, prepared.against(), seed)?;
         let objective = &generator.selection.objective;
-        if let Some(target) = plan.options.latest_start {
+        if let Some(target) = job.options.latest_start {
             for (point, attack) in generator.points.iter().zip(&mut attacks) {
                 let avoided = latest_start::avoided(attack, ctx, objective, point.mu, &avoidance);
                 latest_start::choose(attack, &avoided, target);
@@ -100,28 +100,28 @@ impl<'w> SceneWriter<'w> {
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let scorer = Scorer::with(ctx, &generator.further);
         let mut scored = ScoredCandidates::new(ctx, scorer, objective, &avoidance);
-        let measured = measured(&attacks, &mut scored, ctx, &plan.ego, test.as_ref(), seed)?;
+        let measured = measured(&attacks, &mut scored, ctx, &job.ego, test.as_ref(), seed)?;
         let scenarios = files.scenarios(&scene);
         let mut lines = Vec::with_capacity(measured.len());
         let (mut written_files, command) = (Vec::new(), output::command());
-        for ((point, variant), attack) in generator.points.iter().zip(plan.variants()).zip(&measured) {
-            let generated = plan.generated_by(point);
+        for ((point, variant), attack) in generator.points.iter().zip(job.variants()).zip(&measured) {
+            let generated = job.generated_by(point);
             let written = attacked_files::Attack {
                 trajectory: attack.attack.trajectory(),
                 variant,
                 generated: &generated,
                 weights: generator.weights_name(),
-                seed: plan.generator.spec.seed,
+                seed: job.generator.spec.seed,
                 command: &command,
             };
             let mut scene_files = files.files(&scene, &written)?;
             let scores = &scored.get(attack.attack.trajectory())?.scores;
             if let Some(scenarios) = &scenarios {
-                let facts = self.facts(ctx, attack, scores).and(&generated);
+                let facts = self.summary(ctx, attack, scores).and(&generated);
                 scene_files.extend(files.scenario(scenarios, &scene, &written, &facts)?);
             }
             let candidates =
-                if plan.options.no_candidates { Vec::new() } else { scored.rows(attack.attack)? };
+                if job.options.no_candidates { Vec::new() } else { scored.rows(attack.attack)? };
             let mut row = self.row(attack, scores, ctx, variant, generated, candidates);
             row.files = scene_files.iter().map(|(name, _)| name.clone()).collect();
             let name = row_file(self.scene, variant);
@@ -131,8 +131,8 @@ impl<'w> SceneWriter<'w> {
             written_files.append(&mut row.files);
             self.run.folder().write_all(&scene_files)?;
         }
-        if !plan.options.no_pages {
-            let shown = SceneView { plan, name: self.scene, ctx, measured: &measured };
+        if !job.options.no_pages {
+            let shown = SceneView { job, name: self.scene, ctx, measured: &measured };
             let (picture, page) = (shown.picture(), shown.page(&scored)?);
             self.run.folder().write_all(&[
                 (picture_file(self.scene), picture.into_bytes()),
@@ -150,7 +150,7 @@ impl<'w> SceneWriter<'w> {
 
     fn leave_out(&self, reason: &str) -> Result<Vec<Line>> {
         let mut lines = Vec::new();
-        for variant in self.plan.variants() {
+        for variant in self.job.variants() {
             let row = LeftOutRow {
                 run_hash: self.run.hash().to_owned(),
                 scene: self.scene.to_owned(),
@@ -167,11 +167,11 @@ impl<'w> SceneWriter<'w> {
     }
 
     /// What an OpenSCENARIO file says about its attack.
-    fn facts<'f>(&self, ctx: &'f Context, attack: &MeasuredAttack, scores: &Scores) -> Facts<'f> {
+    fn summary<'f>(&self, ctx: &'f Context, attack: &MeasuredAttack, scores: &Scores) -> AttackSummary<'f> {
         let candidate = ctx.candidate(attack.attack.trajectory().clone());
-        let violations = self.plan.generator.selection.objective.rule().violations(&candidate, ctx);
-        Facts {
-            seed: self.plan.generator.spec.seed,
+        let violations = self.job.generator.selection.objective.rule().violations(&candidate, ctx);
+        AttackSummary {
+            seed: self.job.generator.spec.seed,
             adversary: &ctx.adversary().id,
             feasible: violations.is_empty(),
             collision_step: scores.collision_step,
@@ -192,14 +192,14 @@ impl<'w> SceneWriter<'w> {
     ) -> AttackRow<Candidates<'c>> {
         let MeasuredAttack { attack, avoidable, references, outcome, counts, .. } = measured;
         let selected = ctx.candidate(attack.trajectory().clone());
-        let violations = self.plan.generator.selection.objective.rule().violations(&selected, ctx);
+        let violations = self.job.generator.selection.objective.rule().violations(&selected, ctx);
         AttackRow {
             run_hash: self.run.hash().to_owned(),
             scene: self.scene.to_owned(),
             variant: variant.to_owned(),
             source_hash: self.source_hash.to_owned(),
             files: Vec::new(),
-            seed: self.plan.generator.spec.seed,
+            seed: self.job.generator.spec.seed,
             adversary: ctx.adversary().id.clone(),
             generated,
             trajectory: attack.trajectory().clone(),

@@ -21,8 +21,8 @@ use sage_view::{
 use serde::Serialize;
 
 use super::{
+    job::Job,
     names::{INDEX, page_file, row_file},
-    plan::Plan,
 };
 use crate::{
     output::Folder,
@@ -81,24 +81,24 @@ struct Listed<'a> {
 /// Writes the page of a run from its rows and its inputs. Scenes without rows are left out.
 ///
 /// *Errors*: the folder cannot be written to.
-pub(super) fn write(plan: &Plan, folder: &Folder, run_hash: &str, inputs: &[Input]) -> Result<()> {
-    let options = &plan.options.reading;
-    let most = MOST_SCENES.min(MOST_ATTACKS / plan.variants().len()).max(1);
+pub(super) fn write(job: &Job, folder: &Folder, run_hash: &str, inputs: &[Input]) -> Result<()> {
+    let options = &job.options.reading;
+    let most = MOST_SCENES.min(MOST_ATTACKS / job.variants().len()).max(1);
     let listed_inputs = &inputs[..inputs.len().min(most)];
     let all: Vec<Option<Listed>> =
-        listed_inputs.par_iter().map(|input| listed(plan, folder, run_hash, input, options)).collect();
+        listed_inputs.par_iter().map(|input| listed(job, folder, run_hash, input, options)).collect();
     let (mut scenes, mut items) = (Vec::new(), Vec::new());
     for Listed { name, road, entries } in all.into_iter().flatten() {
         items.extend(entries.into_iter().map(|entry| Entry { scene: scenes.len(), ..entry }));
         scenes.push(ListedScene { name, road });
     }
-    let points = &plan.generator.points;
+    let points = &job.generator.points;
     let label = |k: usize| points[k].long_label().replace("lambda ", "λ ");
     let data = Data {
-        title: format!("Attacks by {}", plan.generator.method),
+        title: format!("Attacks by {}", job.generator.method),
         subtitle: match inputs.len() > most {
-            true => format!("the first {most} of {} scenes, {}", inputs.len(), plan.subtitle()),
-            false => plan.subtitle(),
+            true => format!("the first {most} of {} scenes, {}", inputs.len(), job.subtitle()),
+            false => job.subtitle(),
         },
         variants: if points.len() > 1 { (0..points.len()).map(label).collect() } else { Vec::new() },
         scenes,
@@ -109,13 +109,13 @@ pub(super) fn write(plan: &Plan, folder: &Folder, run_hash: &str, inputs: &[Inpu
 
 /// A scene with its attacks; `None` if it has no rows, or cannot be read any more.
 fn listed<'a>(
-    plan: &Plan,
+    job: &Job,
     folder: &Folder,
     run_hash: &str,
     input: &'a Input,
     options: &ReadOptions,
 ) -> Option<Listed<'a>> {
-    let rows: Vec<(usize, AttackRow)> = plan
+    let rows: Vec<(usize, AttackRow)> = job
         .variants()
         .iter()
         .enumerate()
@@ -128,7 +128,7 @@ fn listed<'a>(
     let scene = Recording::read_as(&input.file, options).ok().filter(|_| !rows.is_empty())?.scene;
     let mut area = Aabb::EMPTY;
     let entries = rows.iter().filter_map(|(variant, row)| {
-        let (entry, of_entry) = Entry::new(&scene, &input.scene, plan, *variant, row)?;
+        let (entry, of_entry) = Entry::new(&scene, &input.scene, job, *variant, row)?;
         area = area.union(&of_entry);
         Some(entry)
     });
@@ -138,7 +138,7 @@ fn listed<'a>(
 
 impl Entry {
     /// Describes an attack; `None` if its adversary is not in the scene. Also gives the area that its thumbnail shows.
-    fn new(scene: &Scene, name: &str, plan: &Plan, variant: usize, row: &AttackRow) -> Option<(Self, Aabb)> {
+    fn new(scene: &Scene, name: &str, job: &Job, variant: usize, row: &AttackRow) -> Option<(Self, Aabb)> {
         let recorded = scene.tracks.iter().find(|track| track.id == row.adversary)?;
         let (ego, adversary) = (scene.ego(), recorded.following(&row.trajectory));
         let step = row.scores.scores.collision_step.unwrap_or_else(|| nearest_step(ego, &adversary, scene));
@@ -152,7 +152,7 @@ impl Entry {
         let entry = Self {
             scene: 0,
             variant,
-            page: format!("{}#{}", link(&page_file(name)), plan.variants()[variant]),
+            page: format!("{}#{}", link(&page_file(name)), job.variants()[variant]),
             outcome: row.outcome.words(),
             is_attack: row.outcome.is_attack(),
             is_believable: row.outcome.is_attack() && scores.unbelievable.is_empty(),

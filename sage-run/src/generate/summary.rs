@@ -6,7 +6,7 @@ use advsage::{
 };
 use sage_core::{selection_outcome::SelectionOutcome, text::table::Table};
 
-use super::plan::Plan;
+use super::job::Job;
 
 /// Outcomes with the reason that the table gives for them, the first where two are as frequent.
 const REASONS: [(SelectionOutcome, &str); 5] = [
@@ -84,9 +84,9 @@ fn of([yes, all]: [usize; 2]) -> String {
     if all == 0 { "-".to_owned() } else { format!("{yes} of {all}") }
 }
 
-/// The table of a run; `tallies` are those of the operating points of its plan.
-pub(super) fn table(plan: &Plan, tallies: &[Tally]) -> Table {
-    let (axis, names) = operating_points(plan);
+/// The table of a run; `tallies` are those of its operating points.
+pub(super) fn table(job: &Job, tallies: &[Tally]) -> Table {
+    let (axis, names) = operating_points(job);
     let heads = [&*axis, "scenes", "attacked", "believable", "avoidable", "by R157", "why not, most often"];
     let mut table = Table { names: 1, ..Table::new("", &heads) };
     for (tally, name) in tallies.iter().zip(names) {
@@ -106,9 +106,9 @@ pub(super) fn table(plan: &Plan, tallies: &[Tally]) -> Table {
 }
 
 /// What differs between the operating points, and the name of each.
-fn operating_points(plan: &Plan) -> (String, Vec<String>) {
-    let points = &plan.generator.points;
-    let uses_point = plan.generator.built.facts.uses_operating_point();
+fn operating_points(job: &Job) -> (String, Vec<String>) {
+    let points = &job.generator.points;
+    let uses_point = job.generator.built.facts.uses_operating_point();
     let is_one_number =
         |point: &OperatingPointSpec| point.aggression.is_some() || point.lambda == Some(point.mu);
     match points[0].swept().filter(|_| uses_point && points.iter().all(is_one_number)) {
@@ -116,6 +116,6 @@ fn operating_points(plan: &Plan) -> (String, Vec<String>) {
             let value = |point: &OperatingPointSpec| point.label().trim_start_matches("a ").to_owned();
             (axis.replace("lambda", "λ"), points.iter().map(value).collect())
         }
-        None => ("attack".to_owned(), plan.variants().to_vec()),
+        None => ("attack".to_owned(), job.variants().to_vec()),
     }
 }

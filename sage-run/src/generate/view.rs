@@ -18,9 +18,9 @@ use sage_view::{
 };
 
 use super::{
+    job::Job,
     measured::MeasuredAttack,
     names::INDEX,
-    plan::Plan,
     scored::{ScoredCandidates, bits},
 };
 
@@ -29,7 +29,7 @@ const MOST_BESIDE: usize = 3;
 
 /// The attacks of a scene, to be shown.
 pub(super) struct SceneView<'v> {
-    pub(super) plan: &'v Plan<'v>,
+    pub(super) job: &'v Job<'v>,
     /// Name of the scene's outputs.
     pub(super) name: &'v str,
     pub(super) ctx: &'v Context,
@@ -59,14 +59,14 @@ impl SceneView<'_> {
         let is_sweep = self.measured.len() > MOST_BESIDE;
         let mut panels = Vec::with_capacity(self.measured.len());
         for (k, (one, drawn)) in self.measured.iter().zip(self.drawn()).enumerate() {
-            let point = &self.plan.generator.points[k];
+            let point = &self.job.generator.points[k];
             let sweep = point.swept().filter(|_| is_sweep);
             let others = one.attack.candidates.iter().enumerate().filter(|(k, _)| *k != one.attack.chosen);
             let others = others.map(|(_, proposal)| paths.number(proposal, self.ctx, scored));
             let ending = ending(one, &scored.get(one.attack.trajectory())?.scores.unbelievable);
             panels.push(Panel {
                 name: drawn.name.replace("lambda ", "λ "),
-                id: self.plan.variants()[k].clone(),
+                id: self.job.variants()[k].clone(),
                 sweep: sweep.map(|(axis, value)| Sweep { group: 0, axis, value }),
                 motions: &drives[k],
                 end: drives[k].len() - 1,
@@ -89,7 +89,7 @@ impl SceneView<'_> {
                 ending,
             });
         }
-        let generator = &self.plan.generator;
+        let generator = &self.job.generator;
         let subtitle = format!("attacks by {}", generator.method);
         let page = Page {
             scene,
@@ -104,7 +104,7 @@ impl SceneView<'_> {
     }
 
     fn drawn(&self) -> Vec<DrawnPath> {
-        let points = self.plan.generator.points.iter().zip(self.measured);
+        let points = self.job.generator.points.iter().zip(self.measured);
         let drawn = |(point, one): (&OperatingPointSpec, &MeasuredAttack)| {
             drawn_path(self.label(point), self.ctx, one.attack.trajectory().clone())
         };
@@ -113,7 +113,7 @@ impl SceneView<'_> {
 
     /// Label of an attack.
     fn label(&self, point: &OperatingPointSpec) -> String {
-        let generator = &self.plan.generator;
+        let generator = &self.job.generator;
         if generator.points.len() > 1 { point.long_label() } else { generator.built.keys[0].label() }
     }
 

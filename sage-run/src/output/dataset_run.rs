@@ -11,11 +11,10 @@ use sage_data::{
 use serde_json::{Value, json};
 
 use super::{
-    Folder, Part,
-    claims::ShardState,
-    command,
+    Extent, Folder, command,
     command_line::full_command,
     manifest::{MANIFEST, Manifest, SHARDS, SceneRecord, shard_files},
+    manifests::ShardState,
     run::{self, RECORD, read_record},
 };
 use crate::progress;
@@ -26,7 +25,7 @@ pub struct DatasetRun {
     identity: Value,
     /// Hash of the identity, which marks the rows of the run.
     pub(super) hash: String,
-    pub(super) part: Part,
+    pub(super) extent: Extent,
     /// Files that a finished run has.
     results: &'static [&'static str],
     pub(super) clock: Instant,
@@ -63,24 +62,24 @@ impl DatasetRun {
         path: &Path,
         identity: Value,
         force: bool,
-        part: Part,
+        extent: Extent,
         results: &'static [&'static str],
         outdated: impl FnOnce() -> Vec<String>,
     ) -> Result<Self> {
-        if part != Part::Join {
+        if extent != Extent::Join {
             super::create_folder(path)?;
         }
         // A shard also holds the whole folder until the record is written.
-        let (claim, whole_folder) = match part {
-            Part::Whole | Part::Join => (OutputLock::folder(path, &command())?, None),
-            Part::Shard(Shard { number, of }) => {
+        let (claim, whole_folder) = match extent {
+            Extent::Whole | Extent::Join => (OutputLock::folder(path, &command())?, None),
+            Extent::Shard(Shard { number, of }) => {
                 let (own, whole) = OutputLock::shard(path, number, of, &command())?;
                 (own, Some(whole))
             }
         };
         let hash = run_hash(&identity);
         let folder = Folder { path: path.to_owned(), claim };
-        let run = Self { folder, identity, hash, part, results, clock: Instant::now() };
+        let run = Self { folder, identity, hash, extent, results, clock: Instant::now() };
         // A damaged record does not keep a run from beginning again.
         let record = if force { read_record(&run.folder).unwrap_or(None) } else { read_record(&run.folder)? };
         let is_same = record.as_ref().is_some_and(|record| record["run"] == run.identity);
@@ -100,7 +99,7 @@ impl DatasetRun {
         } else if !is_same {
             match run.refuse_other_run(record.as_ref()) {
                 // Without locks another shard may have begun the same run meanwhile.
-                Err(_) if matches!(part, Part::Shard(_)) && run.is_recorded() => {}
+                Err(_) if matches!(extent, Extent::Shard(_)) && run.is_recorded() => {}
                 outcome => {
                     outcome?;
                     if record.is_some() {
@@ -112,7 +111,7 @@ impl DatasetRun {
             }
         } else if run.is_done() {
             progress::say(&format!("note: `{}` holds this run, and it is done", path.display()));
-        } else if part == Part::Whole && !run.folder.holds_at_most(&[RECORD, SHARDS])? {
+        } else if extent == Extent::Whole && !run.folder.holds_at_most(&[RECORD, SHARDS])? {
             progress::say(&format!("note: `{}` holds this run unfinished; it resumes", path.display()));
         }
         drop(whole_folder);
@@ -163,7 +162,7 @@ impl DatasetRun {
                 "the summary of the data set was not written; remove the cause and run the same command again",
             )?;
         }
-        if self.part == Part::Join {
+        if self.extent == Extent::Join {
             // Killed shards leave temporary files.
             let files = records.iter().flat_map(|record| &record.files);
             let parents = files.filter_map(|file| Path::new(&file.name).parent());
@@ -201,21 +200,21 @@ impl DatasetRun {
             let is_unused = !has_ended
                 && self.folder.holds_at_most(&[RECORD, MANIFEST, SHARDS])?
                 && shard_files(path)?.is_empty()
-                && self.part != Part::Join;
+                && self.extent != Extent::Join;
             if !is_unused {
                 bail!(
                     "`{}` holds another run: {}; {}",
                     path.display(),
                     run::difference(recorded, &self.identity),
-                    match self.part {
-                        Part::Whole => "name another --out, or give --force to write into it anyway",
-                        Part::Shard(_) =>
+                    match self.extent {
+                        Extent::Whole => "name another --out, or give --force to write into it anyway",
+                        Extent::Shard(_) =>
                             "run all shards with the same command and program, or name another --out",
-                        Part::Join => "join it with the program that ran the shards",
+                        Extent::Join => "join it with the program that ran the shards",
                     }
                 );
             }
-        } else if !self.folder.holds_at_most(&[])? || self.part == Part::Join {
+        } else if !self.folder.holds_at_most(&[])? || self.extent == Extent::Join {
             bail!(
                 "`{}` is not empty and holds no run of the same command, inputs and program; give --force to write into it anyway",
                 path.display()
@@ -243,7 +242,7 @@ impl DatasetRun {
     }
 
     fn other_shard(&self) -> Result<Option<String>> {
-        let Part::Shard(Shard { number, of }) = self.part else { return Ok(None) };
+        let Extent::Shard(Shard { number, of }) = self.extent else { return Ok(None) };
         Ok(OutputLock::other_shard(self.folder.path(), number, of)?)
     }
 

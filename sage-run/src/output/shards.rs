@@ -11,12 +11,12 @@ use sage_core::files::{self, Existing};
 use sage_data::dataset::Shard;
 
 use super::{
-    DatasetRun, Part,
-    claims::{Claims, ShardState, ranges},
+    DatasetRun, Extent,
     manifest::{
         FileRecord, MANIFEST, Manifest, SCENES, SHARDS, SceneRecord, ShardRecord, agreed_scenes, difference,
         shard_file, shard_files,
     },
+    manifests::{Manifests, ShardState, ranges},
 };
 use crate::{
     Outcome,
@@ -35,14 +35,14 @@ impl DatasetRun {
             Some(agreed) => Some(agreed),
             None => Manifest::names_of_run(path, &self.hash),
         };
-        match (self.part, agreed.map(|agreed| difference(&agreed, names))) {
-            (_, Some(None)) | (Part::Whole, None) | (Part::Join, _) => Ok(()),
-            (Part::Whole, Some(Some(_))) => self.write_scenes(names, Existing::Replace),
-            (Part::Shard(_), Some(Some(difference))) => bail!(
+        match (self.extent, agreed.map(|agreed| difference(&agreed, names))) {
+            (_, Some(None)) | (Extent::Whole, None) | (Extent::Join, _) => Ok(()),
+            (Extent::Whole, Some(Some(_))) => self.write_scenes(names, Existing::Replace),
+            (Extent::Shard(_), Some(Some(difference))) => bail!(
                 "the scenes are not those with which `{}` was begun: {difference}; give all shards the same scenes",
                 path.display()
             ),
-            (Part::Shard(_), None) => self.write_scenes(names, Existing::Keep),
+            (Extent::Shard(_), None) => self.write_scenes(names, Existing::Keep),
         }
     }
 
@@ -70,22 +70,24 @@ impl DatasetRun {
     /// are of other scenes.
     pub fn joined(&self, names: &[&str]) -> Result<(Vec<SceneRecord>, Vec<ShardState>)> {
         let path = self.folder.path();
-        let mut claims = Claims::read(path, &self.hash, false)?;
-        if let Some(difference) = difference(&claims.scenes, names).filter(|_| !claims.scenes.is_empty()) {
+        let mut manifests = Manifests::read(path, &self.hash, false)?;
+        if let Some(difference) =
+            difference(&manifests.scenes, names).filter(|_| !manifests.scenes.is_empty())
+        {
             bail!("the scenes are not those with which `{}` was begun: {difference}", path.display());
         }
-        if claims.scenes.is_empty() {
+        if manifests.scenes.is_empty() {
             bail!(
                 "`{}` has no list of its scenes (`{SHARDS}/{SCENES}`); run any shard again",
                 path.display()
             );
         }
-        let missing = claims.missing().len();
+        let missing = manifests.missing().len();
         let kind = if missing > 0 { "error" } else { "warning" };
-        claims.problems.iter().for_each(|problem| progress::say(&format!("{kind}: {problem}")));
+        manifests.problems.iter().for_each(|problem| progress::say(&format!("{kind}: {problem}")));
         if missing > 0 {
-            let shards = claims.shard_count().map_or(String::new(), |of| {
-                format!(", in shards {} of {of}", ranges(&claims.unfinished_shards(of)))
+            let shards = manifests.shard_count().map_or(String::new(), |of| {
+                format!(", in shards {} of {of}", ranges(&manifests.unfinished_shards(of)))
             });
             let error = anyhow!(
                 "{missing} of {} are missing in `{}`{shards}; `sage status` says how to finish them",
@@ -93,10 +95,14 @@ impl DatasetRun {
                 path.display(),
             );
             // On a network file system they may only be seen late; a damaged manifest stays one.
-            return Err(if claims.is_contradicted { error } else { EndsWith(Outcome::Retry, error).into() });
+            return Err(if manifests.is_contradicted {
+                error
+            } else {
+                EndsWith(Outcome::Retry, error).into()
+            });
         }
-        let records = names.iter().filter_map(|name| claims.records.remove(*name)).collect();
-        Ok((records, claims.shards))
+        let records = names.iter().filter_map(|name| manifests.records.remove(*name)).collect();
+        Ok((records, manifests.shards))
     }
 
     /// Ends a shard: writes its manifest, and nothing that depends on other shards. A shard of a joined run writes none if
@@ -130,9 +136,9 @@ impl DatasetRun {
 
     /// Files of the scenes that an earlier run of this part finished, by scene, as its manifest says.
     pub fn known_files(&self) -> HashMap<String, Vec<FileRecord>> {
-        let own = match self.part {
-            Part::Shard(shard) => Some(shard_file(shard)),
-            Part::Whole | Part::Join => None,
+        let own = match self.extent {
+            Extent::Shard(shard) => Some(shard_file(shard)),
+            Extent::Whole | Extent::Join => None,
         };
         let manifests = [Some(MANIFEST.to_owned()), own].into_iter().flatten();
         let read = manifests.filter_map(|name| Manifest::read(&self.folder.path().join(name)).ok());

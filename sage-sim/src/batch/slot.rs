@@ -308,7 +308,7 @@ impl Slot {
         let Some(episode) = &self.episode else { return Row::default() };
         let environment = &episode.environment;
         let world = environment.world();
-        let (facts, scene) = (world.facts(), world.scene());
+        let (events, scene) = (world.events(), world.scene());
         let outcome = episode.outcome;
         let is_failed = outcome.terminated && !outcome.arrived && !outcome.out_of_road;
         Row {
@@ -319,8 +319,8 @@ impl Slot {
             steps: world.step_count(),
             episode_return: episode.episode_return,
             is_at_limit: environment.is_at_limit(),
-            on_edge: facts.on_edge,
-            on_line: facts.on_yellow || facts.on_white,
+            on_edge: events.on_edge,
+            on_line: events.on_yellow || events.on_white,
             across: environment.coordinates().across,
             route_length: scene.route().length(),
             size: world.size(),
@@ -345,7 +345,7 @@ impl Episode {
             self.motions.push(*world.motion());
         }
         let adversary = self.plan.as_ref().map(|plan| plan.track);
-        let touches = || world.facts().contacts.iter().any(|contact| Some(contact.track) == adversary);
+        let touches = || world.events().contacts.iter().any(|contact| Some(contact.track) == adversary);
         if self.touched.is_none() && touches() {
             self.touched = Some(world.step_count());
         }

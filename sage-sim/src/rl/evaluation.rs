@@ -129,7 +129,7 @@ pub fn drive_episode(
     row.off_road = row.off_road.map(|leaves| leaves && !scene.recording_leaves_road());
     row.standing = standing.is_long();
     let world = environment.world();
-    for contact in &world.facts().contacts {
+    for contact in &world.events().contacts {
         drive.contacts.extend(found(world, contact));
         row.adversary |= Some(contact.track) == adversary;
     }

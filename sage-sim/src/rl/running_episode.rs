@@ -169,7 +169,7 @@ impl RunningEpisode {
         let world = self.environment.world();
         self.motions.push(*world.motion());
         let adversary = self.plan.as_ref().map(|plan| plan.track);
-        let touches = || world.facts().contacts.iter().any(|contact| Some(contact.track) == adversary);
+        let touches = || world.events().contacts.iter().any(|contact| Some(contact.track) == adversary);
         if self.touched_adversary.is_none() && touches() {
             self.touched_adversary = Some(world.step_count());
         }

@@ -141,10 +141,10 @@ impl World {
             if pair.appears && substep < SUBSTEPS {
                 continue;
             }
-            let is_known = self.state.facts.contacts.iter().any(|contact| contact.track == track);
+            let is_known = self.state.events.contacts.iter().any(|contact| contact.track == track);
             let other = pair.at(substep, is_dynamic);
             if !is_known && pair.from.touches(&other, car) {
-                self.state.facts.contacts.push(Contact { track, substep, own: *car, other });
+                self.state.events.contacts.push(Contact { track, substep, own: *car, other });
             }
         }
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_bench::{
-    plan::Plan,
+    prepared_study::PreparedStudy,
     report::Report,
     rows::{Results, Subject},
     runner::SceneSource as _,
@@ -42,18 +42,18 @@ struct Card {
 /// *Errors*: the folder cannot be written to; a scene can no longer be read.
 pub(super) fn write(
     folder: &Folder,
-    plan: &Plan,
+    prepared: &PreparedStudy,
     scenes: &ChosenScenes,
     results: &Results,
     report: &Report,
 ) -> Result<()> {
     let methods = results.methods(Subject::Trajectory);
-    let shown_together = together(results, &methods, plan.study.report.cases)?;
+    let shown_together = together(results, &methods, prepared.study.report.cases)?;
     let mut cards = Vec::new();
     for (k, method) in methods.iter().enumerate() {
         let together = shown_together.iter().enumerate();
         let together = together.map(|(number, scene)| (format!("case-{}", number + 1), *scene));
-        let named = cases(results, *method, plan.study.report.cases)?.into_iter().chain(together);
+        let named = cases(results, *method, prepared.study.report.cases)?.into_iter().chain(together);
         cards.extend(named.map(|(which, scene)| Card { heading: k, method: *method, which, scene }));
     }
     let mut by_scene: BTreeMap<usize, Vec<&Card>> = BTreeMap::new();
@@ -64,7 +64,7 @@ pub(super) fn write(
         let number = names.iter().position(|known| known == name).context("the scene was measured")?;
         let Some(data) = scenes.load(number)? else { return Ok(Vec::new()) };
         let figures = cards.into_iter().map(|card| {
-            let figure = figure(folder, plan, results, card, &data)?;
+            let figure = figure(folder, prepared, results, card, &data)?;
             Ok(figure.map(|figure| ((card.heading, card.which.clone()), figure)))
         });
         figures.filter_map(Result::transpose).collect()
@@ -96,7 +96,7 @@ pub(super) fn write(
     };
     let together: String = shown_together.iter().enumerate().map(case).collect();
     let cards: String = together + &methods.iter().enumerate().map(row).collect::<String>();
-    let title = escaped(&format!("sage bench {}", plan.study.study));
+    let title = escaped(&format!("sage bench {}", prepared.study.study));
     let tables: String = report.tables.iter().map(html).collect();
     let page = format!(
         "<!doctype html><meta charset=utf-8><meta name=viewport content=\"width=device-width\"><title>{title}</title>\n<style>{STYLE}</style>\n<h1>{title}</h1>\n<p><code>{}</code></p>\n{tables}<p>{}</p>{cards}",
@@ -166,12 +166,12 @@ fn cases(results: &Results, method: usize, unrealistic: usize) -> Result<Vec<(St
 /// Draws an attack, and returns its picture with its verdict and the reasons as HTML.
 fn figure(
     folder: &Folder,
-    plan: &Plan,
+    prepared: &PreparedStudy,
     results: &Results,
     card: &Card,
     data: &SceneData,
 ) -> Result<Option<String>> {
-    let Some(attack) = plan.attack(card.method, data)? else { return Ok(None) };
+    let Some(attack) = prepared.attack(card.method, data)? else { return Ok(None) };
     let (name, label) = (&results.scenes[card.scene], results.keys[card.method].attack_label());
     let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
     let trajectory = attack.trajectory().clone();
@@ -179,7 +179,7 @@ fn figure(
     let words = verdict(scores.believable, &scores.unbelievable).unwrap_or_else(|| "no contact".to_owned());
     let note = attack.note.as_ref().map_or(String::new(), |note| format!("; {note}"));
     let mut caption = format!("{words}, R_adv {:.2}{note}", scores.adversarial_reward);
-    if plan.study.report.cases > 0 {
+    if prepared.study.report.cases > 0 {
         caption += &format!(", P_beh {:.2}, P_kin {:.2}", scores.behavior_penalty, scores.kinematic_penalty);
     }
     let drawn = drawn_path(label, &ctx, trajectory);

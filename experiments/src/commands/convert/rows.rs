@@ -6,7 +6,7 @@ use std::{
 };
 
 use advsage::{
-    attacked_files::{Attack, AttackFormats, AttackedFiles, Facts},
+    attacked_files::{Attack, AttackFormats, AttackSummary, AttackedFiles},
     rows::{
         ROW_LIMIT,
         attack::{AttackRow, LeftOutRow},
@@ -17,7 +17,7 @@ use sage_core::files::{self, Existing};
 use sage_data::{Format, ReadOptions, Recording, folder, openscenario::Options};
 use sage_run::{
     Outcome,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, Producer, RECORD},
+    output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST, Producer, RECORD},
     progress,
     scene_queue::{self, Failure, Input, Report, ReportWords, SceneReport, Scenes, Worked},
 };
@@ -66,7 +66,7 @@ pub(super) fn explained(error: anyhow::Error, paths: &[PathBuf]) -> anyhow::Erro
 }
 
 /// Converts the rows of a folder, with the scenes that they attack.
-pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> {
+pub(super) fn run(args: &ConvertArgs, of: &Path, extent: Extent) -> Result<Outcome> {
     let [path] = &args.paths[..] else { bail!("with --of, name one folder of rows, or one row") };
     if args.to == Format::TfRecord {
         bail!("rows become scene files first: convert --to native, and the result --to womd");
@@ -93,15 +93,15 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
         by: Producer::own(),
     })?;
     let outdated = || vec![MANIFEST.to_owned()];
-    let run = DatasetRun::start(out, identity, args.folder.force, part, &[MANIFEST], outdated)?;
+    let run = DatasetRun::start(out, identity, args.folder.force, extent, &[MANIFEST], outdated)?;
     let report = |count| {
         Report::new(run.folder().path(), false, count, ReportWords { done: "converted", result: "scene" })
     };
-    let worked = Worked::on(&scenes, part, &run, report, |input| source.convert(args, &run, input))?;
+    let worked = Worked::on(&scenes, extent, &run, report, |input| source.convert(args, &run, input))?;
     let records = &worked.records;
-    match part {
-        Part::Shard(shard) => run.finish_shard(shard, records)?,
-        Part::Whole | Part::Join => drop(run.finish(Ended {
+    match extent {
+        Extent::Shard(shard) => run.finish_shard(shard, records)?,
+        Extent::Whole | Extent::Join => drop(run.finish(Ended {
             records,
             shards: &worked.shards,
             results: scene_queue::results(records),
@@ -110,7 +110,7 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
             is_done: Counts::of(records).failed() == 0,
         })?),
     }
-    Ok(scene_queue::outcome(records, part, out, "converted", scene_queue::AGAIN))
+    Ok(scene_queue::outcome(records, extent, out, "converted", scene_queue::AGAIN))
 }
 
 /// Hash of the names of scenes.
@@ -209,7 +209,7 @@ impl Source {
                     &scenarios,
                     &scene,
                     &attack,
-                    &facts(&row).and(&row.generated),
+                    &summary(&row).and(&row.generated),
                 )?);
             }
             for (name, bytes) in &written {
@@ -242,9 +242,9 @@ fn read_row(file: &Path) -> Result<Option<AttackRow>> {
 }
 
 /// What an OpenSCENARIO file says about an attack.
-fn facts(row: &AttackRow) -> Facts<'_> {
+fn summary(row: &AttackRow) -> AttackSummary<'_> {
     let scores = &row.scores.scores;
-    Facts {
+    AttackSummary {
         seed: row.seed,
         adversary: &row.adversary,
         feasible: row.feasible,

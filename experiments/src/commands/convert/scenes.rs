@@ -21,7 +21,7 @@ use sage_data::{
 use sage_run::{
     Outcome,
     outcome::{EndsWith, caught, may_pass, may_succeed_later},
-    output::{self, DatasetRun, FileRecord, Part, SceneRecord, State},
+    output::{self, DatasetRun, Extent, FileRecord, SceneRecord, State},
     progress::{self, Progress},
 };
 
@@ -56,7 +56,7 @@ struct Converted {
 /// *Errors*: a full disk.
 pub(super) fn convert(
     args: &ConvertArgs,
-    part: Part,
+    extent: Extent,
     inputs: &Inputs,
     run: &DatasetRun,
     progress: &mut Progress,
@@ -66,7 +66,7 @@ pub(super) fn convert(
     let given = inputs.files().filter_map(|file| file.canonicalize().ok()).collect();
     let mut names = Names {
         args,
-        part,
+        extent,
         run,
         taken: HashSet::new(),
         inputs: given,
@@ -114,7 +114,7 @@ pub(super) fn convert(
 /// Names of the outputs.
 struct Names<'r> {
     args: &'r ConvertArgs,
-    part: Part,
+    extent: Extent,
     run: &'r DatasetRun,
     /// Names that scenes have.
     taken: HashSet<PathBuf>,
@@ -144,7 +144,7 @@ impl Names<'_> {
                 }
                 let own = path.to_string_lossy().into_owned();
                 self.all.push(own.clone());
-                return if self.part.holds(&own) { Err((path, error)) } else { Ok(None) };
+                return if self.extent.holds(&own) { Err((path, error)) } else { Ok(None) };
             }
         };
         let file = |name: &Path| match &dataset {
@@ -167,7 +167,7 @@ impl Names<'_> {
         let name = output;
         self.all.push(name.to_string_lossy().into_owned());
         self.taken.insert(name.clone());
-        if !self.part.holds(&name.to_string_lossy()) {
+        if !self.extent.holds(&name.to_string_lossy()) {
             return Ok(None);
         }
         if self.inputs.contains(&self.root.join(&name)) {

@@ -13,7 +13,7 @@ use sage_data::{
     womd::{self, EncodedScenario},
 };
 use sage_run::{
-    output::{DatasetRun, Part, SceneRecord, State},
+    output::{DatasetRun, Extent, SceneRecord, State},
     progress::Progress,
 };
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,7 @@ pub(super) fn outdated(folder: &Path) -> Vec<String> {
 /// *Errors*: the number of scenes is not known; a full disk.
 pub(super) fn convert(
     args: &ConvertArgs,
-    part: Part,
+    extent: Extent,
     inputs: &Inputs,
     run: &DatasetRun,
     progress: &mut Progress,
@@ -92,7 +92,7 @@ pub(super) fn convert(
     for (number, file) in files(total(inputs)?, size).into_iter().enumerate() {
         let name = file.to_string_lossy().into_owned();
         tally.names.push(name.clone());
-        if !part.holds(&name) {
+        if !extent.holds(&name) {
             for item in items.by_ref().take(size) {
                 // The number of its scenes would be wrong, and with it the content of all further files.
                 if item.problem().is_some_and(is_of_the_system) {
@@ -152,10 +152,10 @@ pub(super) fn finish(run: &DatasetRun, count: usize) -> Result<Total> {
         let path = run.folder().path().join(PARTS).join(format!("{number:05}.json"));
         let shown = || format!("cannot read `{}`", path.display());
         let text = files::read_text(&path, PART_LIMIT).with_context(shown)?;
-        let part: FileFacts = serde_json::from_str(&text).with_context(shown)?;
-        total.scenes += part.scenes;
-        total.failed += part.failures.len();
-        ids.extend(part.ids.into_iter().map(|(record, ids)| (format!("{}#{record}", part.file), ids)));
+        let facts: FileFacts = serde_json::from_str(&text).with_context(shown)?;
+        total.scenes += facts.scenes;
+        total.failed += facts.failures.len();
+        ids.extend(facts.ids.into_iter().map(|(record, ids)| (format!("{}#{record}", facts.file), ids)));
     }
     if !ids.is_empty() {
         run.folder().write(IDS, format!("{:#}\n", serde_json::to_value(&ids)?).as_bytes())?;
@@ -167,7 +167,7 @@ pub(super) fn finish(run: &DatasetRun, count: usize) -> Result<Total> {
 fn found(known: &Path, file: &Path) -> Option<FileFacts> {
     let text = files::read_text(known, PART_LIMIT).ok()?;
     let size = std::fs::metadata(file).map_or(0, |found| found.len());
-    serde_json::from_str(&text).ok().filter(|part: &FileFacts| part.bytes == size)
+    serde_json::from_str(&text).ok().filter(|facts: &FileFacts| facts.bytes == size)
 }
 
 /// Writes the next scenes into a file.
@@ -179,7 +179,7 @@ fn write_file(
     progress: &mut Progress,
 ) -> Result<FileFacts> {
     let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let mut part = FileFacts { file, ..FileFacts::default() };
+    let mut facts = FileFacts { file, ..FileFacts::default() };
     let mut stopped = None;
     let encode = |item: Item| {
         item.read_and(&args.reading.options(), |recording| {
@@ -193,11 +193,11 @@ fn write_file(
             progress.step();
             match encoded {
                 Ok(EncodedScenario { data, ids, notes }) => {
-                    part.bytes += womd::write_frame(out, &data)?;
-                    part.ids.extend(ids.map(|ids| (part.scenes, ids)));
-                    part.scenes += 1;
+                    facts.bytes += womd::write_frame(out, &data)?;
+                    facts.ids.extend(ids.map(|ids| (facts.scenes, ids)));
+                    facts.scenes += 1;
                     for (note, count) in notes {
-                        *part.notes.entry(note).or_default() += count;
+                        *facts.notes.entry(note).or_default() += count;
                     }
                 }
                 // Stored as missing it would stay so; the next run reads it again.
@@ -208,7 +208,7 @@ fn write_file(
                 Err(error) => {
                     let error = format!("{:#}", anyhow::Error::from(error));
                     progress.say(&format!("error: {error}"));
-                    part.failures.push(error);
+                    facts.failures.push(error);
                 }
             }
             Ok(())
@@ -218,7 +218,7 @@ fn write_file(
         return Err(error.into());
     }
     written.with_context(|| format!("cannot write `{}`", path.display()))?;
-    Ok(part)
+    Ok(facts)
 }
 
 /// True if the system refused to read a scene, so that another try may succeed.

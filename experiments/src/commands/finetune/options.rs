@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use clap::Parser;
     use sage_backbones::{
-        candidates::Selection,
+        candidates::Sampling,
         training::{Schedule, Tunes},
     };
     use sage_core::preference_pairs::Pairing;
@@ -197,7 +197,7 @@ mod tests {
         assert_eq!(names, [REALISTIC, ADVERSARIAL]);
         for (expert, weights) in run.experts.iter().zip([[0.1, -0.9], [0.9, -0.1]]) {
             let o = &expert.options;
-            assert_eq!((o.candidates, o.selection, o.max_pairs), (32, Selection::TopK, 8));
+            assert_eq!((o.candidates, o.selection, o.max_pairs), (32, Sampling::TopK, 8));
             assert_eq!((o.pairing, o.margin, o.kl_beta), (Pairing::Hierarchical, 0.2, 0.05));
             assert_eq!((o.epochs, o.batch, o.rate, o.weight_decay), (200, 1, 1e-5, 0.01));
             assert_eq!(

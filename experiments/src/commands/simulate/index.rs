@@ -7,7 +7,7 @@ use anyhow::Result;
 use sage_run::{output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
 use sage_view::html_page::link;
 
-use super::{Simulation, scene::page_file};
+use super::{Job, scene::page_file};
 
 /// Name of the page.
 pub(super) const FILE: &str = "index.html";
@@ -20,12 +20,7 @@ const HEAD: &str = "<!doctype html><html lang=en><meta charset=utf-8><meta name=
 /// Writes the page, if there is more than one scene. A scene without results has failed.
 ///
 /// *Errors*: the folder cannot be written to.
-pub(super) fn write(
-    folder: &Folder,
-    simulation: &Simulation,
-    inputs: &[Input],
-    run_hash: &str,
-) -> Result<()> {
+pub(super) fn write(folder: &Folder, simulation: &Job, inputs: &[Input], run_hash: &str) -> Result<()> {
     if inputs.len() < 2 {
         return Ok(());
     }

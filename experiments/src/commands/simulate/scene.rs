@@ -22,7 +22,7 @@ use sage_sim::{
 };
 use sage_view::player::{self, Page, Panel, Sweep};
 
-use super::{Simulation, attacks::SceneAttacks};
+use super::{Job, attacks::SceneAttacks};
 
 /// Most drives of a driver that are shown side by side. More share a box with a slider.
 const MOST_BESIDE: usize = 5;
@@ -32,7 +32,7 @@ pub(super) fn page_file(scene: &str) -> String {
     format!("{scene}.html")
 }
 
-impl SceneJob for Simulation<'_> {
+impl SceneJob for Job<'_> {
     fn reading(&self) -> ReadOptions {
         self.args.reading.options()
     }
@@ -110,7 +110,7 @@ impl PlannerFailure {
 
 /// Drives one scene.
 struct SceneDrives<'s> {
-    simulation: &'s Simulation<'s>,
+    simulation: &'s Job<'s>,
     run: &'s DatasetRun,
     name: &'s str,
     source_hash: &'s str,

@@ -6,7 +6,7 @@ use advsage::rows::drive::DriveRow;
 use sage_core::text::table::Table;
 use sage_run::scene_queue::{Input, is_row_of};
 
-use super::Simulation;
+use super::Job;
 
 /// Drives of one driver at one attack.
 #[derive(Default)]
@@ -48,12 +48,7 @@ fn of([some, all]: [usize; 2]) -> String {
 }
 
 /// The table of a run; `None` if it has at most one drive.
-pub(super) fn table(
-    simulation: &Simulation,
-    folder: &Path,
-    inputs: &[&Input],
-    run_hash: &str,
-) -> Option<Table> {
+pub(super) fn table(simulation: &Job, folder: &Path, inputs: &[&Input], run_hash: &str) -> Option<Table> {
     let variants = simulation.variants();
     let mut tallies: Vec<Tally> = Vec::new();
     tallies.resize_with(simulation.egos.len() * variants.len(), Tally::default);

@@ -26,7 +26,7 @@ pub struct ShardState {
 
 /// What is known of a run from its manifests.
 #[derive(Debug, Default)]
-pub struct Claims {
+pub struct Manifests {
     /// Names of all scenes, in their order.
     pub scenes: Vec<String>,
     /// What became of them. A scene without a record was not reached yet, or its files are not as its manifest says.
@@ -43,7 +43,7 @@ pub struct Claims {
     pub is_joined: bool,
 }
 
-impl Claims {
+impl Manifests {
     /// Reads the manifests of the run with a hash, and checks that the files exist with their sizes; with `verify` also
     /// that they have their hashes.
     ///

@@ -47,14 +47,14 @@ struct LatestStart {
 }
 
 /// What attacks, what drives the ego before, and what is written.
-pub(super) struct Plan<'a> {
+pub(super) struct Job<'a> {
     pub(super) options: &'a GenerateOptions,
     pub(super) generator: NamedGenerator,
     /// Drives the ego before the attack.
     pub(super) ego: Ego,
 }
 
-impl<'a> Plan<'a> {
+impl<'a> Job<'a> {
     /// Checks all options except the scenes, and loads weights.
     ///
     /// *Errors*: an option is out of range or names an unknown part; weights cannot be used.

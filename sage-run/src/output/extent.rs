@@ -4,7 +4,7 @@ use sage_data::dataset::Shard;
 
 /// The part of a run that a process does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub enum Extent {
     /// All scenes, and the summary.
     Whole,
     /// The scenes of a shard, and their manifest.
@@ -14,7 +14,7 @@ pub enum Part {
     Join,
 }
 
-impl Part {
+impl Extent {
     /// The part that the option --shard names.
     pub fn of(shard: Option<Shard>) -> Self {
         shard.map_or(Self::Whole, Self::Shard)

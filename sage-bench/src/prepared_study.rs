@@ -47,7 +47,7 @@ pub struct Identity {
 struct Contents(Vec<Map<String, Value>>, Vec<String>);
 
 /// A study with all its parts.
-pub struct Plan {
+pub struct PreparedStudy {
     /// The study.
     pub study: Study,
     /// Keys of all results.
@@ -109,7 +109,7 @@ fn unused(study: &Study) -> Vec<String> {
         .collect()
 }
 
-impl Plan {
+impl PreparedStudy {
     /// Builds all parts of a study.
     ///
     /// *Errors*: a part or a metric that is not registered, options that a part refuses, or weights that cannot be used.

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use sage_core::text::push_markup;
+
 /// What came of a test.
 pub(crate) enum Verdict {
     /// With a mark: a contact that is not shown to be the driver's fault, in words.
@@ -73,15 +75,11 @@ fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '"' => out += "&quot;",
             '\t' | '\n' | '\r' => out.push(' '),
             c if c < ' ' || ('\u{7f}'..='\u{9f}').contains(&c) || ['\u{fffe}', '\u{ffff}'].contains(&c) => {
                 out.push('\u{fffd}');
             }
-            c => out.push(c),
+            c => push_markup(&mut out, c),
         }
     }
     out

@@ -1,7 +1,10 @@
 //! Texts for people: characters in the words of strangers that must reach no terminal, page or drawing, and numbers with their nouns.
 
+mod natural_order;
 pub mod table;
 pub mod wrap;
+
+pub use natural_order::natural_order;
 
 use std::{borrow::Cow, fmt::Write as _};
 
@@ -41,8 +44,22 @@ pub fn escaped_name(text: &str) -> String {
 
 /// The text for an HTML page, without characters that control a terminal or a page.
 pub fn escaped_html(text: &str) -> String {
-    let text = escaped(text);
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    let mut out = String::with_capacity(text.len());
+    for c in escaped(text).chars() {
+        push_markup(&mut out, c);
+    }
+    out
+}
+
+/// Appends a character to the text of an element or an attribute of HTML and XML, so that it is no markup.
+pub fn push_markup(out: &mut String, c: char) {
+    match c {
+        '&' => out.push_str("&amp;"),
+        '<' => out.push_str("&lt;"),
+        '>' => out.push_str("&gt;"),
+        '"' => out.push_str("&quot;"),
+        c => out.push(c),
+    }
 }
 
 /// A number with its noun: `1 scene`, `2 scenes`.

@@ -12,7 +12,10 @@ use std::{
     str::FromStr,
 };
 
-use sage_core::files::{self, Existing};
+use sage_core::{
+    files::{self, Existing},
+    text::natural_order,
+};
 
 use crate::{
     Error, folder, names,
@@ -143,7 +146,7 @@ fn pickles(folder: &Path) -> Result<Vec<PathBuf>, Error> {
             files.push(path);
         }
     }
-    files.sort_by(|a, b| folder::natural_order(&name(a), &name(b)));
+    files.sort_by(|a, b| natural_order(&name(a), &name(b)));
     Ok(files)
 }
 

@@ -1,10 +1,11 @@
 //! Folders of scenes, with or without ScenarioNet's summary, read in parallel and in order.
 
 use std::{
-    cmp::Ordering,
     collections::{HashMap, HashSet},
     path::{Component, Path, PathBuf},
 };
+
+use sage_core::text::natural_order;
 
 use crate::{
     Error, gpudrive,
@@ -278,28 +279,6 @@ pub fn name_apart(name: &str, path: &Path) -> String {
     format!("{}-{}", plain.trim_start_matches('-'), &hash[..8])
 }
 
-/// Natural order: `2.pkl` comes before `10.pkl`.
-pub fn natural_order(a: &str, b: &str) -> Ordering {
-    let (mut a, mut b) = (a, b);
-    loop {
-        let digits = |s: &str| s.bytes().take_while(u8::is_ascii_digit).count();
-        let (m, n) = (digits(a), digits(b));
-        if m > 0 && n > 0 {
-            let (x, y) = (a[..m].trim_start_matches('0'), b[..n].trim_start_matches('0'));
-            let order = x.len().cmp(&y.len()).then_with(|| x.cmp(y)).then(m.cmp(&n));
-            if order != Ordering::Equal {
-                return order;
-            }
-            (a, b) = (&a[m..], &b[n..]);
-            continue;
-        }
-        match (a.chars().next(), b.chars().next()) {
-            (Some(x), Some(y)) if x == y => (a, b) = (&a[x.len_utf8()..], &b[y.len_utf8()..]),
-            (x, y) => return x.cmp(&y),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -315,12 +294,5 @@ mod tests {
         for elsewhere in ["in/../other/a.pkl", "in/part/../../a.pkl", "/a.pkl", "other/a.pkl"] {
             assert_eq!(below(elsewhere), Path::new("a.pkl"), "{elsewhere}");
         }
-    }
-
-    #[test]
-    fn numbers_in_names_order_by_value() {
-        let mut names = ["10.pkl", "2.pkl", "a/1.pkl", "02.pkl", "1.pkl", "x10y2", "x10y10", "x9"];
-        names.sort_by(|a, b| natural_order(a, b));
-        assert_eq!(names, ["1.pkl", "2.pkl", "02.pkl", "10.pkl", "a/1.pkl", "x9", "x10y2", "x10y10"]);
     }
 }

@@ -3,7 +3,7 @@
 mod number;
 
 pub(crate) use number::rounded;
-use sage_core::text::is_hidden;
+use sage_core::text::{is_hidden, push_markup};
 
 /// First line of every file.
 const DECLARATION: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>";
@@ -117,16 +117,12 @@ pub(crate) fn number_text(value: f64, decimals: usize) -> String {
 fn push_escaped(out: &mut String, text: &str) {
     for c in text.chars() {
         match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
             // As references, because readers turn these characters into spaces in attributes.
             '\t' => out.push_str("&#9;"),
             '\n' => out.push_str("&#10;"),
             '\r' => out.push_str("&#13;"),
             c if is_hidden(c) => out.push('\u{fffd}'),
-            _ => out.push(c),
+            _ => push_markup(out, c),
         }
     }
 }

@@ -6,6 +6,7 @@
 use std::cmp::Ordering;
 
 use super::{Map, MapFeature};
+use crate::text::natural_order;
 
 impl Map {
     /// The map with its features by id: numbers within ids by value, so `lane_9` is before `lane_10`. Waymo's files have
@@ -45,38 +46,7 @@ impl Map {
 }
 
 fn by_id(a: &MapFeature, b: &MapFeature) -> Ordering {
-    natural(a.id.as_bytes(), b.id.as_bytes()).then_with(|| a.id.cmp(&b.id))
-}
-
-/// Compares texts in which runs of digits are numbers.
-fn natural(mut a: &[u8], mut b: &[u8]) -> Ordering {
-    while let ([first, ..], [other, ..]) = (a, b) {
-        let ordering = if first.is_ascii_digit() && other.is_ascii_digit() {
-            let (m, n) = (number(a), number(b));
-            (a, b) = (&a[digits(a)..], &b[digits(b)..]);
-            // Without zeros in front, the longer number is the larger.
-            m.len().cmp(&n.len()).then_with(|| m.cmp(n))
-        } else {
-            let ordering = first.cmp(other);
-            (a, b) = (&a[1..], &b[1..]);
-            ordering
-        };
-        if ordering.is_ne() {
-            return ordering;
-        }
-    }
-    a.len().cmp(&b.len())
-}
-
-/// Length of the run of digits at the start of a text.
-fn digits(text: &[u8]) -> usize {
-    text.iter().position(|byte| !byte.is_ascii_digit()).unwrap_or(text.len())
-}
-
-/// The run of digits at the start of a text, without zeros in front.
-fn number(text: &[u8]) -> &[u8] {
-    let run = &text[..digits(text)];
-    &run[run.iter().take_while(|digit| **digit == b'0').count()..]
+    natural_order(&a.id, &b.id)
 }
 
 #[cfg(test)]

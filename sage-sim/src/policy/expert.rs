@@ -10,6 +10,7 @@ use sage_core::{
     geometry::{Aabb, OrientedBox, distance, norm},
     motion::{DT, State},
     registry::Entry,
+    statistics::quantile,
 };
 use serde::{Deserialize, Serialize};
 
@@ -152,8 +153,7 @@ impl ExpertDriver {
                 && distance(other.area.center, view.motion().position) <= reach
                 && route.locate(other.area.center, Localization::Nearest).across.abs() < aside
         });
-        let mut speeds: Vec<f64> = near.map(Body::speed).collect();
-        speeds.sort_by(f64::total_cmp);
+        let speeds: Vec<f64> = near.map(Body::speed).collect();
         let limit = speed_limit(view.scene(), view.motion().position).unwrap_or(self.options.free_speed);
         let target = match quantile(&speeds, 0.75) {
             Some(traffic) => traffic.clamp(TRAFFIC_SPEEDS[0], TRAFFIC_SPEEDS[1]).min(limit),
@@ -253,12 +253,4 @@ fn barrier(route: &Route, stop: RedStop) -> OrientedBox {
     let [length, width] = BARRIER;
     let center = route.point(Coordinates { along: stop.along + 0.5 * length, across: 0.0 });
     OrientedBox::new(center, route.heading(stop.along), length, width)
-}
-
-/// Quantile of sorted values by linear interpolation.
-pub(super) fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
-    let at = share * (sorted.len().checked_sub(1)? as f64);
-    let low = sorted[at as usize];
-    let high = sorted[(at as usize + 1).min(sorted.len() - 1)];
-    Some(low + (at - at.floor()) * (high - low))
 }

@@ -9,9 +9,10 @@ use sage_core::{
     motion::DT,
     registry::{Entry, NoOptions},
     scene::{Track, TrackKind},
+    statistics::quantile,
 };
 
-use super::{Driver, EgoPolicy, Knowledge, Start, View, expert::quantile, pid::Pid};
+use super::{Driver, EgoPolicy, Knowledge, Start, View, pid::Pid};
 use crate::{
     Error,
     route::{Coordinates, Localization, Route},
@@ -192,8 +193,7 @@ fn traffic_speed(view: &View, route: &Route, futures: &[Vec<Other>]) -> Option<f
         distance(other.area.center, view.motion().position) <= reach
             && route.locate(other.area.center, Localization::MetaDrive).across.abs() < aside
     });
-    let mut speeds: Vec<f64> = near.map(|other| norm(other.velocity)).filter(|speed| *speed > 0.0).collect();
-    speeds.sort_by(f64::total_cmp);
+    let speeds: Vec<f64> = near.map(|other| norm(other.velocity)).filter(|speed| *speed > 0.0).collect();
     quantile(&speeds, 0.75).map(|speed| speed.clamp(5.0, 25.0))
 }
 

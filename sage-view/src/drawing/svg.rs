@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use sage_core::{
     geometry::{OrientedBox, Point},
-    text::is_hidden,
+    text::{is_hidden, push_markup},
 };
 
 use super::viewport::Viewport;
@@ -17,16 +17,11 @@ pub(super) struct Svg {
 
 /// Escapes text for XML, without characters that are not seen.
 pub(super) fn escape(text: &str) -> String {
-    text.chars()
-        .filter(|c| !is_hidden(*c))
-        .flat_map(|c| match c {
-            '&' => "&amp;".chars().collect::<Vec<_>>(),
-            '<' => "&lt;".chars().collect(),
-            '>' => "&gt;".chars().collect(),
-            '"' => "&quot;".chars().collect(),
-            c => vec![c],
-        })
-        .collect()
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars().filter(|c| !is_hidden(*c)) {
+        push_markup(&mut out, c);
+    }
+    out
 }
 
 /// A number with at most one decimal.

@@ -13,8 +13,11 @@ use advsage::{
     },
 };
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
-use sage_core::files::{self, Existing};
-use sage_data::{Format, ReadOptions, Recording, folder, openscenario::Options};
+use sage_core::{
+    files::{self, Existing},
+    text::natural_order,
+};
+use sage_data::{Format, ReadOptions, Recording, openscenario::Options};
 use sage_run::{
     Outcome,
     output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST, Producer, RECORD},
@@ -138,7 +141,7 @@ impl Source {
             let entries =
                 std::fs::read_dir(path).with_context(|| format!("cannot read `{}`", path.display()))?;
             files = entries.map(|entry| Ok(entry?.path())).collect::<Result<_>>()?;
-            files.sort_by(|a, b| folder::natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+            files.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
         }
         let mut rows: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
         for file in files {

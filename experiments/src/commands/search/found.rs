@@ -16,6 +16,7 @@ use sage_core::{
     motion::{HORIZON, MAX_COORDINATE, NOW},
     objective::{Candidate, Context, ContextOptions, EgoPaths, PartSpec},
     scene::{Scene, SceneIndex},
+    text::natural_order,
 };
 use sage_data::Recording;
 use sage_run::{
@@ -84,7 +85,7 @@ impl<'a> Found<'a> {
                 rows.extend(row.filter(|row| row_file(row.scene()) == name));
             }
         }
-        rows.sort_by(|a, b| sage_data::folder::natural_order(a.scene(), b.scene()));
+        rows.sort_by(|a, b| natural_order(a.scene(), b.scene()));
         for row in &rows {
             let failures = row.failures();
             ensure!(failures <= MOST_TESTS, "scene `{}`: its row counts {failures} failures", row.scene());

@@ -8,6 +8,7 @@ use sage_data::dataset::Shard;
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
+    attacking::FeasibilityArgs,
     avoiding::AvoidableArgs,
     help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION, STUDY},
 };
@@ -92,9 +93,8 @@ pub(crate) struct AxisArgs {
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
     #[arg(long, help_heading = SELECTION, value_name = "NAME")]
     pub selection: Option<String>,
-    /// Feasibility rule, by its name in `sage list`, instead of the rule of the selection.
-    #[arg(long, help_heading = SELECTION, value_name = "NAME")]
-    pub feasibility: Option<String>,
+    #[command(flatten)]
+    pub rule: FeasibilityArgs,
     /// Interpolation weight lambda: a number, a comma-separated list, or FROM:TO:STEP.
     #[arg(long, value_name = "L", allow_hyphen_values = true)]
     pub lambda: Option<String>,
@@ -136,7 +136,6 @@ impl AxisArgs {
             ("method", &self.method),
             ("merger", &self.merger),
             ("selection", &self.selection),
-            ("feasibility", &self.feasibility),
             ("lambda", &self.lambda),
             ("mu", &self.mu),
             ("aggression", &self.aggression),
@@ -146,13 +145,14 @@ impl AxisArgs {
         ];
         let given = axes.into_iter().filter_map(|(name, value)| Some(format!("{name}={}", value.as_ref()?)));
         let weights = (!self.weights.is_empty()).then(|| format!("weights={}", self.weights.join(",")));
+        let rule = self.rule.feasibility.as_ref().map(|rule| format!("feasibility={rule}"));
         let seed = self.seed.map(|seed| format!("seed={seed}"));
         let untrained = self.untrained.map(|count| format!("untrained={count}"));
         let mix = self.mix.as_ref().map(|mix| {
             let weights = mix.split(',').map(|part| part.replacen('=', ": ", 1));
             format!("mix=[{{{}}}]", weights.collect::<Vec<_>>().join(", "))
         });
-        given.chain(weights).chain(seed).chain(untrained).chain(mix).collect()
+        given.chain(rule).chain(weights).chain(seed).chain(untrained).chain(mix).collect()
     }
 
     /// The drivers that are given, in place of those of a study.

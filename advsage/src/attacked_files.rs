@@ -21,43 +21,55 @@ pub const LONGEST_FILE_NAME: usize = 255;
 
 /// Which scene files are written of an attack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AttackFormats {
-    name: &'static str,
-    formats: &'static [Format],
+pub enum AttackFormats {
+    /// Files of one format.
+    One(Format),
+    /// Pickles and native files.
+    Both,
+    /// No scene files: the rows alone hold the plans.
+    Rows,
 }
 
 impl AttackFormats {
-    /// Native files.
-    pub const NATIVE: Self = Self { name: "native", formats: &[Format::Native] };
-    /// No scene files: the rows alone hold the plans.
-    pub const NONE: Self = Self { name: "rows", formats: &[] };
-    /// All choices.
-    pub const ALL: [Self; 6] = [
-        Self::NATIVE,
-        Self { name: "pickle", formats: &[Format::Pickle] },
-        Self { name: "both", formats: &[Format::Pickle, Format::Native] },
-        Self { name: "gpudrive", formats: &[Format::GpuDrive] },
-        Self { name: "openscenario", formats: &[Format::OpenScenario] },
-        Self::NONE,
-    ];
+    /// All choices: each format that scenes are written in one by one, both that the simulation reads, and none.
+    pub fn all() -> Vec<Self> {
+        let single = Format::all_written().filter(|format| *format != Format::TfRecord).map(Self::One);
+        let mut all: Vec<Self> = single.collect();
+        all.insert(2, Self::Both);
+        all.push(Self::Rows);
+        all
+    }
 
     /// Name of the choice.
     pub fn name(self) -> &'static str {
-        self.name
+        match self {
+            Self::One(format) => format.name(),
+            Self::Both => "both",
+            Self::Rows => "rows",
+        }
     }
 
     /// What is written.
     pub fn about(self) -> &'static str {
-        match self.formats {
-            [] => "No scene files: the rows alone hold the plans",
-            [format] => format.about(),
-            _ => "Pickles and native files",
+        match self {
+            Self::One(format) => format.about(),
+            Self::Both => "Pickles and native files",
+            Self::Rows => "No scene files: the rows alone hold the plans",
+        }
+    }
+
+    /// The formats, in the order in which files are listed.
+    pub fn formats(self) -> Vec<Format> {
+        match self {
+            Self::One(format) => vec![format],
+            Self::Both => vec![Format::Pickle, Format::Native],
+            Self::Rows => Vec::new(),
         }
     }
 
     /// Whether a format is among them.
     pub fn has(self, format: Format) -> bool {
-        self.formats.contains(&format)
+        self.formats().contains(&format)
     }
 
     /// Refuses options of OpenSCENARIO where it is not written.
@@ -77,10 +89,13 @@ impl FromStr for AttackFormats {
 
     fn from_str(name: &str) -> std::result::Result<Self, String> {
         // Searches called it so.
-        let name = if name == "none" { Self::NONE.name } else { name };
-        let known = || Self::ALL.map(Self::name).join(", ");
-        let found = Self::ALL.into_iter().find(|choice| choice.name == name);
-        found.ok_or_else(|| format!("unknown format `{name}`; known: {}", known()))
+        let name = if name == "none" { "rows" } else { name };
+        let all = Self::all();
+        let found = all.iter().copied().find(|choice| choice.name() == name);
+        found.ok_or_else(|| {
+            let known: Vec<&str> = all.iter().map(|choice| choice.name()).collect();
+            format!("unknown format `{name}`; known: {}", known.join(", "))
+        })
     }
 }
 
@@ -88,7 +103,7 @@ impl FromStr for AttackFormats {
 pub fn names_of_file(file: &str) -> Vec<&str> {
     let stem = |format: Format| file.strip_suffix(format.ending_beside_rows())?.strip_suffix('.');
     let mut names: Vec<&str> =
-        Format::written().filter(|format| *format != Format::Pickle).filter_map(stem).collect();
+        Format::all_written().filter(|format| *format != Format::Pickle).filter_map(stem).collect();
     // `sd_<dataset>_<version>_<name>.pkl`
     if let Some(stem) = stem(Format::Pickle).filter(|stem| stem.starts_with("sd_")) {
         names.extend(stem.match_indices('_').map(|(k, _)| &stem[k + 1..]));
@@ -213,7 +228,7 @@ impl<'s> AttackedFiles<'s> {
     /// *Errors*: an attack that the scene cannot hold.
     pub fn files(&self, scene: &Scene, attack: &Attack) -> Result<Vec<(String, Vec<u8>)>> {
         let mut all = Vec::with_capacity(2);
-        if self.formats.formats.iter().all(|format| *format == Format::OpenScenario) {
+        if self.formats.formats().iter().all(|format| *format == Format::OpenScenario) {
             return Ok(all);
         }
         let mut provenance = attack.generated.to_map();
@@ -231,8 +246,8 @@ impl<'s> AttackedFiles<'s> {
         let provenance = Value::Object(provenance).to_string();
         let files = self.writer.variant(&attacked, &provenance)?;
         let name = format!("{}-{}", self.scene, attack.variant);
-        for format in self.formats.formats {
-            let Some(bytes) = files.encode(*format)? else { continue };
+        for format in self.formats.formats() {
+            let Some(bytes) = files.encode(format)? else { continue };
             let file = match format {
                 Format::Pickle => dataset::file_name(self.writer.dataset(), self.writer.version(), &name),
                 other => format!("{name}.{}", other.ending_beside_rows()),

@@ -164,7 +164,7 @@ impl DriverSpec {
 
     /// The driver with all its options, as it can be given again.
     pub fn spelled(&self) -> String {
-        let spelled = if self.is_program() { self.part().to_string() } else { self.unnamed() };
+        let spelled = if self.is_program() { self.part().to_string() } else { self.without_name() };
         self.name.as_ref().map_or(spelled.clone(), |name| format!("{name}={spelled}"))
     }
 
@@ -179,13 +179,13 @@ impl DriverSpec {
     }
 
     /// What distinguishes it from others in the record of a run: its name, if it has one, and what drives.
-    pub fn identified(&self) -> String {
-        let unnamed = self.unnamed();
+    pub fn for_identity(&self) -> String {
+        let unnamed = self.without_name();
         self.name.as_ref().map_or(unnamed.clone(), |name| format!("{name}={unnamed}"))
     }
 
     /// What drives, in the shortest spelling, whatever the user calls it. Times to answer are not shown: they decide no drive.
-    pub fn unnamed(&self) -> String {
+    pub fn without_name(&self) -> String {
         let mut shown = self.clone();
         if self.is_program() {
             shown.options.remove("timeouts");
@@ -211,7 +211,7 @@ impl fmt::Display for DriverSpec {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match &self.name {
             Some(name) => f.write_str(name),
-            None => f.write_str(&self.unnamed()),
+            None => f.write_str(&self.without_name()),
         }
     }
 }
@@ -336,7 +336,7 @@ mod tests {
         let DriverSpecs(all) =
             "plain=idm{\"speed\": 4},fiss=cmd:python3 planner.py --k=1, 2".parse().unwrap();
         assert_eq!(all.iter().map(ToString::to_string).collect::<Vec<_>>(), ["plain", "fiss"]);
-        assert_eq!(all[1].unnamed(), "cmd:python3 planner.py '--k=1,' 2");
+        assert_eq!(all[1].without_name(), "cmd:python3 planner.py '--k=1,' 2");
         for one in &all {
             assert_eq!(one.spelled().parse::<DriverSpec>().unwrap(), *one);
         }

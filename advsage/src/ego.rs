@@ -1,4 +1,4 @@
-//! Drivers under test that the user names.
+//! Builds the driver under test from its name, with what is said of it in results.
 
 use std::{path::Path, sync::Arc};
 
@@ -64,7 +64,7 @@ impl Ego {
         let mut earlier = named.clone();
         earlier.options.retain(|key, value| key != "red_lights" || *value != json!(false));
         let references = references::references(&references::default_names(), &part.name, registries)?;
-        let (label, stream) = (named.to_string(), earlier.unnamed());
+        let (label, stream) = (named.to_string(), earlier.without_name());
         Ok(Self {
             name: part.name.clone(),
             label,
@@ -111,7 +111,7 @@ impl Ego {
 ///
 /// *Errors*: a file cannot be read.
 pub fn identity(part: &DriverSpec) -> Result<Value> {
-    let mut all = vec![json!(part.identified())];
+    let mut all = vec![json!(part.for_identity())];
     for file in part.files_and_beside() {
         let shown = file.display();
         let hash = if part.is_program() { file_hash(&file) } else { content_hash(&file) };

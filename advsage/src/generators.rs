@@ -1,4 +1,4 @@
-//! Generators that the user names: what they are built from, and their operating points.
+//! Builds generators: from parts, networks and a selection, at operating points.
 
 use std::sync::Arc;
 
@@ -237,7 +237,7 @@ fn driven_in_test(attacks: Vec<Attack>, ctx: &Context, test: &AttackTest) -> Res
     let driven = |attack: Attack| {
         attack.check(ctx.scene())?;
         let path = test.path_of(&attack)?.trajectory;
-        Ok(attack.driven(path, "the driver under test"))
+        Ok(attack.with_drive(path, "the driver under test"))
     };
     attacks.into_iter().map(driven).collect()
 }
@@ -254,7 +254,7 @@ fn driven_by_recording(attacks: Vec<Attack>, ctx: &Context, seed: u64) -> Result
     let driven = |attack: Attack| {
         attack.check(ctx.scene())?;
         let path = AttackPath::driven(&Replay, &scene, &attack, seed).map_err(in_scene)?;
-        Ok(attack.driven(path.trajectory, "the ego's recording"))
+        Ok(attack.with_drive(path.trajectory, "the ego's recording"))
     };
     attacks.into_iter().map(driven).collect()
 }

@@ -36,7 +36,7 @@ pub struct Avoided {
 }
 
 /// All candidates that are feasible hits by the rule of an objective and avoidable.
-pub fn avoided(
+pub fn avoidable_candidates(
     attack: &Attack,
     ctx: &Context,
     objective: &Objective,
@@ -56,7 +56,7 @@ pub fn avoided(
 }
 
 /// The best within a quarter of a second of a target, else the nearest; `None` if there is none.
-pub fn chosen(all: &[Avoided], target: f64) -> Option<&Avoided> {
+pub fn nearest_to(all: &[Avoided], target: f64) -> Option<&Avoided> {
     let gap = |one: &Avoided| (one.time - target).abs();
     let within = all.iter().filter(|one| gap(one) <= WITHIN + 1e-9);
     let best = within.max_by(|a, b| a.value.total_cmp(&b.value).then(b.candidate.cmp(&a.candidate)));
@@ -68,7 +68,7 @@ pub fn chosen(all: &[Avoided], target: f64) -> Option<&Avoided> {
 
 /// Chooses again among the candidates of an attack, and notes what was not found.
 pub fn choose(attack: &mut Attack, all: &[Avoided], target: f64) {
-    let note = match chosen(all, target) {
+    let note = match nearest_to(all, target) {
         None => Some(format!("no candidate is an avoidable attack, for a latest start of {target} s")),
         Some(one) => {
             attack.chosen = one.candidate;
@@ -92,9 +92,9 @@ mod tests {
     fn the_best_within_a_quarter_of_a_second_is_chosen_and_else_the_nearest() {
         let option = |candidate, time, value| Avoided { candidate, time, value };
         let options = [option(0, 0.4, 9.0), option(3, 1.3, 1.0), option(4, 1.7, 2.0), option(7, 1.5, 2.0)];
-        let of = |target| chosen(&options, target).map(|one| one.candidate);
+        let of = |target| nearest_to(&options, target).map(|one| one.candidate);
         // Both 4 and 7 have the value 2: the first of equals.
         assert_eq!((of(1.5), of(0.5), of(0.0), of(8.0)), (Some(4), Some(0), Some(0), Some(4)));
-        assert!(chosen(&[], 1.0).is_none());
+        assert!(nearest_to(&[], 1.0).is_none());
     }
 }

@@ -1,4 +1,4 @@
-//! A generator as a user names it, with all that it is built from: options, selection, merger, weights and operating points.
+//! A generator as a user names it: its options for commands, Python and programs, and what is built from them.
 
 use sage_core::{
     generator::Attack,
@@ -36,8 +36,9 @@ pub struct GeneratorIdentity<'a> {
     contents: Vec<String>,
 }
 
-/// What a user says of a generator: the options of a command, the keywords of Python, and what a program sets. The texts describe the
-/// options of a command.
+/// What a user says of a generator. `generate`, `search` and `simulate` take these as options, with these texts, and programs set the
+/// fields. The keywords of Python have the same names and are written out in its signatures and `_advsage.pyi`, which tests compare with
+/// this; a study has lists of them.
 #[derive(Clone, Debug, Deserialize)]
 #[cfg_attr(feature = "clap", derive(clap::Args), command(next_help_heading = "Attack"))]
 #[serde(default)]

@@ -1,4 +1,5 @@
-//! Operating points on the command line, and the keys of result rows.
+//! Operating points (λ, μ, aggression, mixtures): the options that name them, for commands, Python and programs, and the keys of
+//! result rows.
 
 use std::str::FromStr;
 

@@ -16,7 +16,7 @@ use sage_sim::{
 
 use crate::{
     Result,
-    rows::{contact::step, drive::AttackRow},
+    rows::{contact::step, drive::DriveAttack},
 };
 
 /// An attack that was planned against the drive without it.
@@ -49,9 +49,9 @@ impl PlannedAttack {
     /// The row of the attack, with what the attacked drive says of it. `before` is the drive without the attack.
     ///
     /// *Errors*: those of the search for evasive manoeuvres.
-    pub fn row(self, verdict: Verdict, episode: &Episode, before: &Drive) -> Result<AttackRow> {
+    pub fn row(self, verdict: Verdict, episode: &Episode, before: &Drive) -> Result<DriveAttack> {
         let first = before.contacts.first().map(|contact| contact.step);
-        let mut row = AttackRow {
+        let mut row = DriveAttack {
             trajectory: self.path.trajectory.clone(),
             feasible: self.feasible,
             planned_contact: self.contact,

@@ -57,7 +57,7 @@ impl Check for SafestMixture {
             let distance = (&optima[0] - &optima[1]).norm_squared();
             let rewards = optima.clone().map(|optimum| Separable::isotropic(eta, optimum));
             let Some(experts) = Experts::of([&rewards[0], &rewards[1]], beta, &optima[0]) else {
-                return tally.unsolved();
+                return tally.add_unsolved();
             };
             // The largest loss of a mixture, by values of the rewards at the optimum and at the mixture.
             let worst = |lambda: f64| {

@@ -166,7 +166,7 @@ impl DenseTnt {
 
     /// Inputs of the interaction head for all goals, computed once per encoding, without gradient.
     fn described<'e>(&self, encoding: &'e Encoding) -> Result<Option<&'e Tensor>, Error> {
-        encoding.described(|| {
+        encoding.head_inputs(|| {
             let [_, _, goals] = encoding.states_of(self.tag())?;
             let points = self.decode(encoding, goals, &encoding.features().goals, STRIDE)?.detach();
             Ok(describe(&points, encoding.features())?)

@@ -88,7 +88,7 @@ impl Encoding {
     /// it; a model keeps one value.
     ///
     /// *Errors*: those of `compute`.
-    pub fn kept<T: Send + Sync + 'static>(
+    pub fn keep<T: Send + Sync + 'static>(
         &self,
         model: ModelId,
         compute: impl FnOnce() -> Result<T, Error>,
@@ -111,7 +111,7 @@ impl Encoding {
     /// Inputs of the interaction head for all modes. The first call computes them with `compute`.
     ///
     /// *Errors*: those of `compute`.
-    pub fn described(
+    pub fn head_inputs(
         &self,
         compute: impl FnOnce() -> Result<Option<Tensor>, Error>,
     ) -> Result<Option<&Tensor>, Error> {

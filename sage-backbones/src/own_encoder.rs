@@ -29,7 +29,7 @@ impl OwnEncoder {
     }
 
     fn own(&self, shared: &Encoding) -> Result<Arc<Encoding>, Error> {
-        shared.kept(self.id, || reencode(&*self.network, &*self.prior, shared))
+        shared.keep(self.id, || reencode(&*self.network, &*self.prior, shared))
     }
 }
 
@@ -42,9 +42,9 @@ pub(crate) fn reencode(
     prior: &dyn Backbone,
     shared: &Encoding,
 ) -> Result<Encoding, Error> {
-    let described = shared.described(|| described(prior, shared))?.cloned();
+    let described = shared.head_inputs(|| described(prior, shared))?.cloned();
     let own = network.encode(shared.shared_features())?;
-    own.described(|| Ok(described))?;
+    own.head_inputs(|| Ok(described))?;
     Ok(own)
 }
 

@@ -134,7 +134,7 @@ impl QueryTransformer {
         encoding: &'e Encoding,
         trajectories: &Tensor,
     ) -> Result<Option<&'e Tensor>, Error> {
-        encoding.described(|| {
+        encoding.head_inputs(|| {
             let points = smooth_path::every(&trajectories.detach(), STRIDE)?;
             Ok(interaction_head::describe(&points, encoding.features())?)
         })

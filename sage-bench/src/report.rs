@@ -190,7 +190,7 @@ fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) ->
         return Ok(None);
     }
     let knows = methods.iter().any(|k| !results.keys[*k].knows.is_empty());
-    let fails = methods.iter().any(|k| results.failed(*k) > 0);
+    let fails = methods.iter().any(|k| results.failure_count(*k) > 0);
     let seeds = methods.iter().any(|k| results.keys[*k].training_seed.is_some());
     let attack = if subject == Subject::Policy { "point" } else { "generator" };
     let mut heads = has.of("arm".to_owned(), attack.to_owned());
@@ -206,7 +206,7 @@ fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) ->
         row.extend(seeds.then(|| found[0].0.seeds.len().to_string()));
         let most = found.iter().map(|(samples, _)| samples.n()).max().unwrap_or(0);
         row.push(most.to_string());
-        row.extend(fails.then(|| results.failed(*method).to_string()));
+        row.extend(fails.then(|| results.failure_count(*method).to_string()));
         for ((samples, estimate), k) in found.iter().zip(&columns) {
             let text = cell(&metrics[*k], *estimate, samples.deviation());
             // Where less was measured than in another column, the number says so.

@@ -192,7 +192,7 @@ impl Results {
     }
 
     /// Number of scenes in which the method of a key failed.
-    pub fn failed(&self, method: usize) -> usize {
+    pub fn failure_count(&self, method: usize) -> usize {
         let is_of = |cell: &Cell| self.keys[cell.key].is_same_method(&self.keys[method]);
         let failed = |cells: &&Vec<Cell>| cells.iter().any(|cell| is_of(cell) && !cell.error.is_empty());
         self.cells.iter().filter(failed).count()
@@ -314,7 +314,7 @@ mod tests {
         // Scene a, seed 1: 2 · 10 + 4 · 30 over 40 steps.
         assert_eq!(samples.seeds, [[[140.0, 40.0], [120.0, 20.0]], [[1.0, 1.0], [1.0, 1.0]]]);
         assert_eq!(samples.training_seeds, [1, 2]);
-        assert_eq!(results.failed(0), 1);
+        assert_eq!(results.failure_count(0), 1);
     }
 
     #[test]

@@ -170,7 +170,7 @@ impl<S: ?Sized> Metric<S> {
     }
 
     /// The same with words about its value, such as whom a contact is with.
-    pub fn noted(mut self, note: impl Fn(&S) -> Option<String> + Send + Sync + 'static) -> Self {
+    pub fn with_note(mut self, note: impl Fn(&S) -> Option<String> + Send + Sync + 'static) -> Self {
         self.note = Some(Arc::new(note));
         self
     }
@@ -235,7 +235,7 @@ impl<S: ?Sized> Metrics<S> {
     /// that are not pooled: the rows of pooled metrics hold all samples.
     ///
     /// *Errors*: [`Error::Unknown`] for a name that is not registered.
-    pub fn chosen(&self, names: &[String]) -> Result<Vec<Metric<S>>, Error> {
+    pub fn by_names(&self, names: &[String]) -> Result<Vec<Metric<S>>, Error> {
         let mut chosen: Vec<Metric<S>> = Vec::new();
         for name in names {
             if name == EVERY {
@@ -290,7 +290,7 @@ mod tests {
     fn a_star_stands_for_what_a_list_does_not_name() {
         let names = |list: &[&str]| {
             let list: Vec<String> = list.iter().map(|name| (*name).to_owned()).collect();
-            let chosen = metrics().chosen(&list).map_err(|error| error.to_string())?;
+            let chosen = metrics().by_names(&list).map_err(|error| error.to_string())?;
             Ok::<_, String>(chosen.into_iter().map(|metric| metric.info.name).collect::<Vec<_>>())
         };
         assert_eq!(names(&["root", "*"]).unwrap(), ["root", "positive", "size"]);

@@ -45,7 +45,7 @@ impl Capabilities {
     }
 
     /// Names, and whether the scene has them.
-    pub fn named(&self) -> [(&'static str, bool); 6] {
+    pub fn by_name(&self) -> [(&'static str, bool); 6] {
         let Self { edges, medians, lights, speed_limits, heights, sizes } = *self;
         [
             ("edges", edges),
@@ -62,7 +62,7 @@ impl std::fmt::Display for Capabilities {
     /// Such as `has edges, sizes; not recorded: medians, lights, speed limits, heights`.
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         let names = |is: bool| {
-            let all = self.named().into_iter().filter(move |(_, has)| *has == is).map(|(name, _)| name);
+            let all = self.by_name().into_iter().filter(move |(_, has)| *has == is).map(|(name, _)| name);
             all.collect::<Vec<_>>().join(", ")
         };
         let (has, lacks) = (names(true), names(false));

@@ -6,7 +6,8 @@ use crate::{
     womd,
 };
 
-/// Formats of scene files: the one list of them, from which commands take what they offer.
+/// Formats of scene files. Commands and Python take from it what they offer; a new one has its arm in each `match` and its place in
+/// [`Format::ALL`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// A native file: safetensors.
@@ -68,18 +69,13 @@ impl Format {
         if self == Self::GpuDrive { "gpudrive.json" } else { self.ending() }
     }
 
-    /// Whether scenes are read in it.
-    pub fn is_read(self) -> bool {
-        self != Self::OpenScenario
-    }
-
     /// Whether scenes are written in it.
     pub fn is_written(self) -> bool {
         self != Self::Parquet
     }
 
     /// The formats that scenes are written in.
-    pub fn written() -> impl Iterator<Item = Self> {
+    pub fn all_written() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|format| format.is_written())
     }
 

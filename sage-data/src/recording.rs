@@ -310,15 +310,18 @@ impl Recording {
         Ok(Some(document))
     }
 
-    /// Writes the recording atomically and replaces an existing file. The format is native if the name ends in
-    /// `.safetensors`, JSON of GPUDrive if it ends in `.json`, and a MetaDrive pickle otherwise.
+    /// Writes the recording atomically and replaces an existing file. The format is that of the name's ending ([`Format::ending`]) if
+    /// a scene is one file in it, and a MetaDrive pickle otherwise.
     ///
     /// *Errors*: [`Error::Write`], or as [`Recording::to_pickle`].
     pub fn write(&self, path: &Path) -> Result<(), Error> {
-        let bytes = match path.extension().and_then(|ending| ending.to_str()) {
-            Some("safetensors") => self.to_native()?,
-            Some("json") => self.to_gpudrive()?.json,
-            _ => self.to_pickle()?,
+        let ending = path.extension().and_then(|ending| ending.to_str());
+        let bytes = match Format::all_written().find(|format| Some(format.ending()) == ending) {
+            Some(Format::Native) => self.to_native()?,
+            Some(Format::GpuDrive) => self.to_gpudrive()?.json,
+            Some(Format::TfRecord) => womd::frame(&self.to_scenario()?.data),
+            // A scenario is two files, and no Parquet is written.
+            Some(Format::Pickle | Format::OpenScenario | Format::Parquet) | None => self.to_pickle()?,
         };
         files::write(path, &bytes, Existing::Replace)
             .map_err(|source| Error::Write { path: path.to_owned(), source })

@@ -82,7 +82,7 @@ impl<C: Combination> OutputMixture<C> {
     /// Log-probabilities of each expert, computed once per encoding.
     fn own(&self, encoding: &Encoding) -> Result<Arc<Vec<Tensor>>, NetworkError> {
         let of = |model: &Arc<dyn MotionModel>| model.log_probs(encoding);
-        encoding.kept(self.id, || self.members.models.iter().map(of).collect())
+        encoding.keep(self.id, || self.members.models.iter().map(of).collect())
     }
 }
 

@@ -96,7 +96,7 @@ struct Paired {
 
 impl MeanTrajectories {
     fn paired(&self, encoding: &Encoding) -> Result<Arc<Paired>, NetworkError> {
-        encoding.kept(self.id, || self.pair(encoding))
+        encoding.keep(self.id, || self.pair(encoding))
     }
 
     fn pair(&self, encoding: &Encoding) -> Result<Paired, NetworkError> {

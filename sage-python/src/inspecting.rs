@@ -72,17 +72,17 @@ pub(crate) fn convert(
     to: Option<&str>,
 ) -> PyResult<Vec<String>> {
     let item = Item::of(scene)?;
-    let known = || Format::written().map(Format::name).collect::<Vec<_>>().join(", ");
+    let known = || Format::all_written().map(Format::name).collect::<Vec<_>>().join(", ");
     let format = match to {
         Some(to) => Format::named(to)
             .filter(|format| format.is_written())
             .ok_or_else(|| UnknownName::new_err(format!("unknown format `{to}`; known: {}", known())))?,
         None => {
             let ending = path.extension().and_then(|ending| ending.to_str());
-            let of_ending = Format::written().find(|format| Some(format.ending()) == ending);
+            let of_ending = Format::all_written().find(|format| Some(format.ending()) == ending);
             of_ending.ok_or_else(|| {
                 let endings: Vec<String> =
-                    Format::written().map(|format| format!(".{}", format.ending())).collect();
+                    Format::all_written().map(|format| format!(".{}", format.ending())).collect();
                 OptionError::new_err(format!(
                     "`{}` ends in none of {}; say to= one of {}",
                     path.display(),
@@ -95,21 +95,20 @@ pub(crate) fn convert(
     detached(py, || {
         let scene = PyScene::of_shared(item.read()?.1);
         let mut files = Vec::new();
+        // With what a derived scene says of itself.
+        let derived = || -> anyhow::Result<Recording> {
+            Ok(Recording::from_bytes(&scene.origin.path, scene.bytes(true)?)?)
+        };
         match format {
             Format::Pickle | Format::Native => files.push((path, scene.bytes(format == Format::Native)?)),
-            _ => {
-                // With what a derived scene says of itself.
-                let recording = Recording::from_bytes(&scene.origin.path, scene.bytes(true)?)?;
-                match format {
-                    Format::TfRecord => files.push((path, womd::frame(&recording.to_scenario()?.data))),
-                    Format::GpuDrive => files.push((path, recording.to_gpudrive()?.json)),
-                    _ => {
-                        let (map, network, scenario) = results::scenario(&recording)?;
-                        files.push((path.with_file_name(map), network.into_bytes()));
-                        files.push((path, scenario.into_bytes()));
-                    }
-                }
+            Format::TfRecord => files.push((path, womd::frame(&derived()?.to_scenario()?.data))),
+            Format::GpuDrive => files.push((path, derived()?.to_gpudrive()?.json)),
+            Format::OpenScenario => {
+                let (map, network, scenario) = results::scenario(&derived()?)?;
+                files.push((path.with_file_name(map), network.into_bytes()));
+                files.push((path, scenario.into_bytes()));
             }
+            Format::Parquet => anyhow::bail!("no scenes are written as {}", format.name()),
         }
         for (path, bytes) in &files {
             write(path, bytes, Existing::Replace)

@@ -113,7 +113,7 @@ struct PlannerDriver {
 
 impl Driver for PlannerDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        if let Some(action) = self.follower.kept(view) {
+        if let Some(action) = self.follower.kept_action(view) {
             self.remember(view, false);
             return Ok(Control::Drive(action));
         }

@@ -1,7 +1,9 @@
 """The blocks of `docs/python.md`, one after the other, and the examples."""
 
+import ast
 import contextlib
 import importlib.util
+import inspect
 import io
 import json
 import os
@@ -93,6 +95,34 @@ class Documents(InFolder):
         ):
             done = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+
+
+class Signatures(unittest.TestCase):
+    """The keywords of a generator, as help, `_advsage.pyi` and calls have them."""
+
+    GENERATOR = (
+        "(*, method='sage', weights=None, lambda_=None, aggression=None, mix=None, mu=None, "
+        "selection='natural', feasibility=None, merger='linear', options=None)"
+    )
+
+    def test_a_generator_has_its_keywords(self):
+        self.assertEqual(str(inspect.signature(sage.Generator)), self.GENERATOR)
+
+    def test_a_search_has_those_of_a_generator_and_takes_its_plans_by_default(self):
+        of_generator = inspect.signature(sage.Generator).parameters
+        for search in (sage.search, sage._advsage.search_each):
+            of_search = inspect.signature(search).parameters
+            for name, parameter in of_generator.items():
+                default = None if name == "method" else parameter.default
+                self.assertEqual((name, of_search[name].default), (name, default))
+
+    def test_the_stub_has_the_same_defaults(self):
+        stub = ast.parse((REPOSITORY / "sage-python/python/advsage/_advsage.pyi").read_text())
+        generator = next(node for node in stub.body if isinstance(node, ast.ClassDef) and node.name == "Generator")
+        new = next(node for node in generator.body if isinstance(node, ast.FunctionDef) and node.name == "__new__")
+        stated = {a.arg: ast.literal_eval(d) for a, d in zip(new.args.kwonlyargs, new.args.kw_defaults)}
+        real = {name: p.default for name, p in inspect.signature(sage.Generator).parameters.items()}
+        self.assertEqual(stated, real)
 
 
 if __name__ == "__main__":

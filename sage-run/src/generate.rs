@@ -72,7 +72,7 @@ pub fn run(options: &GenerateOptions, extent: Extent, registries: &Registries) -
                 results: scene_queue::results(records),
                 seconds_per_attack: worked.median_seconds(),
                 has_pickles: job.options.format.has(Format::Pickle),
-                is_done: Counts::of(records).failed() == 0,
+                is_done: Counts::of(records).failure_count() == 0,
             })?;
             note_others(out, listed.saturating_sub(all.len() * job.variants().len()), records);
         }
@@ -88,7 +88,7 @@ pub fn run(options: &GenerateOptions, extent: Extent, registries: &Registries) -
 
 /// Says that the summary of a folder lists scenes that this run did not write.
 fn note_others(out: &Path, others: usize, records: &[SceneRecord]) {
-    if others > 0 && Counts::of(records).failed() == 0 {
+    if others > 0 && Counts::of(records).failure_count() == 0 {
         progress::say(&format!(
             "note: the summary of `{}` also lists {} that other runs left there",
             out.display(),

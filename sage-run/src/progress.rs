@@ -101,7 +101,7 @@ impl Progress {
     }
 
     /// Number of items that earlier runs finished.
-    pub fn found(&self) -> usize {
+    pub fn found_count(&self) -> usize {
         self.found
     }
 

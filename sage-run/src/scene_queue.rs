@@ -99,7 +99,7 @@ pub const AGAIN: &str = "run the same command again";
 /// cause of a failure is removed.
 pub fn outcome(records: &[SceneRecord], extent: Extent, out: &Path, done: &str, again: &str) -> Outcome {
     let counts = Counts::of(records);
-    let (all, failed) = (counts.scenes, counts.failed());
+    let (all, failed) = (counts.scenes, counts.failure_count());
     let is_shard = matches!(extent, Extent::Shard(_));
     if failed == 0 {
         // A shard may be small, so that it has no other scenes.
@@ -126,7 +126,7 @@ pub fn outcome(records: &[SceneRecord], extent: Extent, out: &Path, done: &str, 
 pub fn results(records: &[SceneRecord]) -> Value {
     let counts = Counts::of(records);
     let mut results = json!({"scenes": counts.scenes, "done": counts.done});
-    for (name, count) in [("left_out", counts.left_out), ("failed", counts.failed())] {
+    for (name, count) in [("left_out", counts.left_out), ("failed", counts.failure_count())] {
         if count > 0 {
             results[name] = json!(count);
         }
@@ -267,7 +267,7 @@ fn work(
                 Err(Failure::Scene(error)) if output::is_disk_full(&error) => {
                     locked_stop().get_or_insert(error.context(format!(
                         "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again",
-                        report.finished(),
+                        report.finished_count(),
                         inputs.len(),
                         folder.display()
                     )));
@@ -276,7 +276,7 @@ fn work(
                 Err(Failure::Scene(error)) => {
                     let state = if may_pass(&error) { State::Retry } else { State::Bad };
                     let record = SceneRecord::new(&input.scene, state, report::named(&input.file, &error));
-                    (report.failed(number, &input.file, &error), record)
+                    (report.report_failure(number, &input.file, &error), record)
                 }
                 Err(Failure::LeftOut { reason, lines }) => {
                     let rows: Vec<String> = lines.iter().map(|line| line.row.clone()).collect();

@@ -145,7 +145,7 @@ impl Scenes {
         self.failures().get(name).cloned()
     }
 
-    /// Hash of a scene's content. Only valid after [`Scenes::attackable`] or [`Scenes::known`].
+    /// Hash of a scene's content. Only valid after [`Scenes::attackable`] or [`Scenes::only_readable`].
     pub fn content(&self, number: usize) -> String {
         let hex = |byte: &u8| format!("{byte:02x}");
         self.entries[number].content.unwrap_or_default().iter().map(hex).collect()
@@ -190,14 +190,14 @@ impl Scenes {
     }
 
     /// Number of scenes that failed.
-    pub fn failed(&self) -> usize {
+    pub fn failure_count(&self) -> usize {
         self.failures().len()
     }
 
     /// Outcome of a command that did its work on the scenes that did not fail.
     pub fn outcome(&self) -> Outcome {
         let may_pass = self.failures().values().any(|failed| failed.may_pass);
-        match outcome_without(self.failed()) {
+        match outcome_without(self.failure_count()) {
             Outcome::BadScenes if may_pass => Outcome::Retry,
             outcome => outcome,
         }
@@ -215,9 +215,9 @@ impl Scenes {
         work: impl Fn(&SceneData) -> Result<T> + Sync,
         done: impl FnMut(),
     ) -> Result<Vec<T>> {
-        let before = self.failed();
+        let before = self.failure_count();
         let all = self.map_each(work, done)?;
-        if all.is_empty() && self.failed() > before {
+        if all.is_empty() && self.failure_count() > before {
             return Err(self.none_usable());
         }
         Ok(all)
@@ -312,7 +312,7 @@ impl Scenes {
     /// All scenes that can be read, each read once so that its content is known.
     ///
     /// *Errors*: no file is a scene.
-    pub fn known(self) -> Result<Self> {
+    pub fn only_readable(self) -> Result<Self> {
         self.checked(true, |_| Ok(()))
     }
 
@@ -405,7 +405,7 @@ impl Scenes {
                 );
             }
         }
-        if loaded.is_empty() && self.failed() > 0 {
+        if loaded.is_empty() && self.failure_count() > 0 {
             return Err(self.none_usable());
         }
         progress.finish(&format!("read {}", count(loaded.len(), "scene")));
@@ -413,7 +413,7 @@ impl Scenes {
     }
 
     /// Number of scenes that did not fail, and a hash of their contents in order. Only valid after
-    /// [`Scenes::attackable`] or [`Scenes::known`].
+    /// [`Scenes::attackable`] or [`Scenes::only_readable`].
     pub fn describe(&self) -> String {
         let failed = self.failures();
         let entries = self.entries.iter().filter(|entry| !failed.contains_key(&entry.name()));

@@ -106,15 +106,15 @@ impl<'p> AttackTest<'p> {
     }
 
     /// The scene as a generator sees it: with the drive before the attack in place of the ego's recording.
-    pub fn recorded(&self) -> Arc<Scene> {
-        recorded(&self.scene, Some(&self.unattacked).filter(|_| !self.is_recording()))
+    pub fn scene_as_driven(&self) -> Arc<Scene> {
+        scene_as_driven(&self.scene, Some(&self.unattacked).filter(|_| !self.is_recording()))
     }
 
-    /// The context of [`AttackTest::recorded`].
+    /// The context of [`AttackTest::scene_as_driven`].
     ///
     /// *Errors*: the scene cannot be attacked.
     pub fn context(&self) -> Result<Context, Error> {
-        Ok(Context::new(&self.recorded(), self.scene.index(), &ContextOptions::default())?)
+        Ok(Context::new(&self.scene_as_driven(), self.scene.index(), &ContextOptions::default())?)
     }
 
     /// The drive up to *now*, which is the same for all attacks: it is driven once and copied, which gives the same bits
@@ -213,8 +213,8 @@ impl AttackPath {
 }
 
 /// The scene with a drive in place of the ego's recording; without a drive the scene itself.
-pub fn recorded(scene: &SimScene, drive: Option<&Drive>) -> Arc<Scene> {
-    drive.map_or_else(|| scene.scene().clone(), |drive| Arc::new(drive.recorded(scene)))
+pub fn scene_as_driven(scene: &SimScene, drive: Option<&Drive>) -> Arc<Scene> {
+    drive.map_or_else(|| scene.scene().clone(), |drive| Arc::new(drive.scene_as_driven(scene)))
 }
 
 /// What a driver does against an attack, up to its first contact.
@@ -278,7 +278,7 @@ impl AttackOutcome {
         let Some(contact) = self.episode.contacts.first().filter(|_| self.verdict.attack) else {
             return Ok(None);
         };
-        let attacked: Arc<Scene> = self.episode.drive.recorded(&self.scene).into();
+        let attacked: Arc<Scene> = self.episode.drive.scene_as_driven(&self.scene).into();
         let ctx = Context::new(&attacked, self.scene.index(), &ContextOptions::default())?;
         let step = contact.contact.step.checked_sub(NOW);
         Ok(Some(Avoidance::new(&ctx, search)?.of_contact(&ctx.candidate(self.attack.clone()), step)))

@@ -213,7 +213,7 @@ impl Simulation {
 impl Drive {
     /// The scene in which the ego's recording is this drive. Frames after its end are not valid. Heights are
     /// those of the log; on a map with levels the drive follows the lanes of its own.
-    pub fn recorded(&self, simulated: &SimScene) -> Scene {
+    pub fn scene_as_driven(&self, simulated: &SimScene) -> Scene {
         let mut scene = Scene::clone(simulated.scene());
         let size = BodyShape::at_now(scene.ego()).size;
         let track = &mut scene.tracks[scene.ego];

@@ -20,7 +20,7 @@ pub fn drive_metrics() -> Result<Metrics<UnattackedDrive>, Error> {
     Metrics::default().with_all([
         Metric::share("contact", |d: &D| Some(!d.contacts.is_empty()))
             .about("any contact")
-            .noted(|d| (!d.contacts.is_empty()).then(|| contacts(d)))
+            .with_note(|d| (!d.contacts.is_empty()).then(|| contacts(d)))
             .less_is_better(),
         Metric::share("at-fault contact", |d: &D| Some(d.is_at_fault()))
             .about("nuPlan's rule gives the first contact to the ego")
@@ -107,7 +107,7 @@ pub fn attack_metrics() -> Result<Metrics<MeasuredAttack>, Error> {
         .costly(),
         Metric::share("avoidable, of the attacks", |a: &A| a.avoidable.as_ref()?.avoidable)
             .about("the same, of the attacks alone")
-        .noted(|a| a.avoidable.as_ref()?.avoidable_reason.clone())
+        .with_note(|a| a.avoidable.as_ref()?.avoidable_reason.clone())
             .more_is_better()
         .costly(),
         Metric::share("solid attack", |a: &A| Some(a.outcome.verdict.solid))
@@ -148,7 +148,7 @@ pub fn attack_metrics() -> Result<Metrics<MeasuredAttack>, Error> {
         Metric::mean("completion", |a: &A| a.outcome.episode.completion).about("progress, not cut at 1"),
         Metric::mean("contact step", |a: &A| a.contact().map(|c| c.contact.step as f64 - sage_core::motion::NOW as f64))
             .unit("steps")
-            .noted(A::met),
+            .with_note(A::met),
         Metric::mean("overlap", |a: &A| a.contact().map(|c| c.overlap)).unit("m").about("at the first contact"),
         Metric::mean("contact speed", |a: &A| a.contact().map(|c| c.impact_speed))
             .unit("m/s")

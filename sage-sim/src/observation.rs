@@ -203,7 +203,7 @@ pub fn names(kind: ObservationKind) -> Vec<String> {
 /// its steering turned around, drives the mirror image. This takes no memory, and equals the drive in the mirrored scene
 /// (tested). Exact but for [`ObservationKind::Corrected`] aside of the route: as in MetaDrive, a car 2 m to the right of it
 /// keeps its checkpoints, one to the left does not.
-pub fn mirrored(numbers: &mut [f32; LENGTH]) {
+pub fn mirror(numbers: &mut [f32; LENGTH]) {
     // A beam to the left of the axis becomes one to the right.
     let beams = |numbers: &mut [f32], own: usize| {
         let count = numbers.len();

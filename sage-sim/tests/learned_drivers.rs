@@ -102,7 +102,7 @@ fn a_policy_of_a_file_keeps_the_share_of_its_training() {
     let options =
         TrainingOptions { algorithm: Algorithm::Ppo, goes_on: true, ppo, ..TrainingOptions::default() };
     let card = PolicyCard::new(options.observation(), json!({}), json!({}), "none".to_owned());
-    let card = PolicyCard { kept: options.kept(), ..card };
+    let card = PolicyCard { kept: options.kept_share(), ..card };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("policy.safetensors");
     write_policy(&path, &actor, &card).unwrap();

@@ -10,7 +10,7 @@ use sage_data::procedural::{Kind, generate};
 use sage_sim::{
     SimScene,
     environment::{Environment, EnvironmentOptions},
-    observation::{LENGTH, ObservationKind, mirrored},
+    observation::{LENGTH, ObservationKind, mirror},
     vehicle::Action,
 };
 
@@ -59,7 +59,7 @@ fn the_mirror_image_of_a_drive_is_the_drive_in_the_mirror_image() {
                 if !goes_on && (seen[58] - 0.5).abs() >= 2.0 / 40.0 {
                     break;
                 }
-                mirrored(&mut seen);
+                mirror(&mut seen);
                 for (k, (x, y)) in seen.iter().zip(&expected).enumerate() {
                     compared += 1;
                     // A beam that grazes a corner may meet it or not by rounding.
@@ -85,8 +85,8 @@ fn a_mirrored_observation_changes_sides_and_twice_mirrored_is_itself() {
     let mut rng = Rng::new(1, "mirrored", "test");
     let mut numbers: [f32; LENGTH] = std::array::from_fn(|_| rng.unit() as f32);
     let before = numbers;
-    mirrored(&mut numbers);
+    mirror(&mut numbers);
     assert!(numbers.iter().zip(&before).filter(|(a, b)| a == b).count() < 25);
-    mirrored(&mut numbers);
+    mirror(&mut numbers);
     assert!(numbers.iter().zip(&before).all(|(a, b)| (a - b).abs() < 1e-6));
 }

@@ -151,7 +151,7 @@ fn a_recorded_drive_has_the_heights_of_its_road() {
     let simulated = simulated(&scene);
     let idm = policies().unwrap().build_default("idm").unwrap();
     let test = AttackTest::new(&*idm, &simulated, 0).unwrap();
-    let recorded = test.recorded();
+    let recorded = test.scene_as_driven();
     let lowest = recorded.ego().position.iter().map(|p| p[2]).fold(f64::INFINITY, f64::min);
     assert!((0.0..2.0).contains(&lowest), "{lowest}");
 }

@@ -176,7 +176,7 @@ fn a_path_is_driven_pose_by_pose_and_bad_files_are_named() {
         for (motion, pose) in drive.motions.iter().zip(&poses).skip(1) {
             assert_eq!([motion.position[0], motion.position[1], motion.heading], *pose);
         }
-        let recorded = drive.recorded(&scene);
+        let recorded = drive.scene_as_driven(&scene);
         assert_eq!(recorded.ego().point(50), [25.0, 0.5]);
         assert_eq!(recorded.ego().size[50], scene.log().size[10]);
     }

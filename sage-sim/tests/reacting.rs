@@ -187,7 +187,7 @@ fn a_reaction_before_now_or_after_the_end_is_refused() {
     }
     let attacked = attack(&scene, &Constant::default(), 35);
     let path = attacked.trajectory().clone();
-    let driven = attacked.driven(path, "`idm`");
+    let driven = attacked.with_drive(path, "`idm`");
     let note = driven.note.clone().unwrap().to_string();
     assert_eq!(note, "the adversary reacts from 2.5 s on; this is the path that it drove against `idm`");
     assert!(driven.reaction.is_none());

@@ -117,8 +117,8 @@ mod tests {
         assert_eq!(verdict(|t| t.equal(f64::NAN, 0.0, 1.0)), Verdict::Violated);
         assert_eq!(verdict(|t| t.at_most(2.0, 1.0, 0.5)), Verdict::Violated);
         assert_eq!(verdict(|t| t.at_most(f64::NAN, 1.0, 0.5)), Verdict::Violated);
-        assert_eq!(verdict(|t| t.stored(1.0, f64::NAN, 1.0)), Verdict::Violated);
-        assert_eq!(verdict(Tally::unsolved), Verdict::Undecided);
+        assert_eq!(verdict(|t| t.compare_stored(1.0, f64::NAN, 1.0)), Verdict::Violated);
+        assert_eq!(verdict(Tally::add_unsolved), Verdict::Undecided);
         assert_eq!(Verdict::of(&Report::default()), Verdict::Undecided);
     }
 
@@ -130,7 +130,7 @@ mod tests {
         let mut other = Tally::instance();
         other.counterexample(true);
         other.ratio(2.0);
-        other.stored(1.0, 1.5, 1.0);
+        other.compare_stored(1.0, 1.5, 1.0);
         other.sample("x", 2.0);
         let both = one.and(other);
         assert_eq!(both.samples("x"), [1.0, 2.0]);

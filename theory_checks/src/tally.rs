@@ -58,7 +58,7 @@ impl Tally {
     }
 
     /// Notes that the direct computation found no solution, so that nothing could be compared.
-    pub fn unsolved(&mut self) {
+    pub fn add_unsolved(&mut self) {
         self.unsolved += 1;
     }
 
@@ -78,7 +78,7 @@ impl Tally {
     }
 
     /// Compares with a stored number.
-    pub fn stored(&mut self, formula: f64, stored: f64, tolerance: f64) {
+    pub fn compare_stored(&mut self, formula: f64, stored: f64, tolerance: f64) {
         let error = (formula - stored).abs() / tolerance;
         let error = if error.is_nan() { f64::INFINITY } else { error };
         self.fixture = Some(self.fixture.map_or(error, |known| known.max(error)));
@@ -119,7 +119,7 @@ impl Tally {
             self.ratio(ratio);
         }
         if let Some(error) = other.fixture {
-            self.stored(error, 0.0, 1.0);
+            self.compare_stored(error, 0.0, 1.0);
         }
         for (quantity, values) in other.samples {
             self.samples.entry(quantity).or_default().extend(values);

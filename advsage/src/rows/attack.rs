@@ -22,7 +22,7 @@ use super::{GeneratedBy, ROW_LIMIT};
 /// A row holds all but its candidates within this many bytes.
 const HEAD: u64 = 1 << 16;
 
-/// One attack, as its file records it; `C` are its candidates, or [`IgnoredAny`] to read it without them.
+/// One attack, as its file records it (`docs/formats.md` lists the fields, `sage generate` fills them in `sage-run`); `C` are its candidates, or [`IgnoredAny`] to read it without them.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct AttackRow<C = IgnoredAny> {
     /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
@@ -124,7 +124,7 @@ impl LeftOutRow {
 }
 
 /// Whether the only reference prevents a contact; `None` without one, or if it cannot drive.
-pub fn prevented(answers: &[Answer]) -> Option<bool> {
+pub fn is_prevented(answers: &[Answer]) -> Option<bool> {
     answers.last()?.prevents
 }
 

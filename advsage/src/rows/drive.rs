@@ -59,7 +59,7 @@ pub struct DriveRow {
     /// x, y, heading and speed at each frame from 0 on: metres, radians, m/s.
     pub trajectory: Vec<[f64; 4]>,
     /// The attack; null without.
-    pub attack: Option<AttackRow>,
+    pub attack: Option<DriveAttack>,
     /// Hash of the input file.
     pub source_hash: String,
     /// Seed of the run.
@@ -83,7 +83,7 @@ pub enum RowEnd {
 
 /// The attack of a drive.
 #[derive(Serialize, Deserialize)]
-pub struct AttackRow {
+pub struct DriveAttack {
     /// The adversary's plan, frames 11 to 90.
     pub trajectory: Trajectory,
     /// Whether the plan is feasible by the paper's rule.
@@ -164,7 +164,7 @@ pub struct RowHead<'a> {
 
 impl DriveRow {
     /// The row of an episode.
-    pub fn new(head: RowHead, episode: &Episode, scene: &Scene, attack: Option<AttackRow>) -> Self {
+    pub fn new(head: RowHead, episode: &Episode, scene: &Scene, attack: Option<DriveAttack>) -> Self {
         let state = |motion: &sage_sim::vehicle::Motion| {
             let [x, y] = motion.position;
             [x, y, motion.heading, motion.speed()]

@@ -294,7 +294,7 @@ impl SceneRow {
     }
 
     /// What came of the search, in words.
-    pub fn explained(&self) -> String {
+    pub fn words(&self) -> String {
         let [scene, ego, adversary] =
             [&self.head.scene, &self.head.ego, &self.head.adversary].map(|name| escaped_name(name));
         let result = match self.failures {

@@ -157,7 +157,8 @@ impl AttackArgs {
 
     /// The first option that is given and makes an attack what it is.
     pub(crate) fn first_given(&self) -> Option<&'static str> {
-        let GeneratorSpec { points, options, weights, feasibility, selection, merger, .. } = &self.generator;
+        let GeneratorSpec { points, options, weights, feasibility, selection, merger, method: _, seed: _ } =
+            &self.generator;
         let given = [
             ("--lambda", points.lambda.is_some()),
             ("--mu", points.mu.is_some()),

@@ -11,16 +11,16 @@ use sage_data::{
 
 /// Parses a format that scenes are written in: one of some, or any.
 pub(super) fn scene_formats(some: &'static [Format]) -> impl TypedValueParser<Value = Format> {
-    let offered = Format::written().filter(|format| some.is_empty() || some.contains(format));
+    let offered = Format::all_written().filter(|format| some.is_empty() || some.contains(format));
     let offered = offered.map(|format| PossibleValue::new(format.name()).help(format.about()));
     PossibleValuesParser::new(offered).try_map(|name| Format::named(&name).ok_or("no such format"))
 }
 
 /// Parses which scene files are written of attacks.
 pub(super) fn attack_formats() -> impl TypedValueParser<Value = AttackFormats> {
-    let offered = AttackFormats::ALL.map(|choice| {
+    let offered = AttackFormats::all().into_iter().map(|choice| {
         let value = PossibleValue::new(choice.name()).help(choice.about());
-        if choice == AttackFormats::NONE { value.alias("none") } else { value }
+        if choice == AttackFormats::Rows { value.alias("none") } else { value }
     });
     PossibleValuesParser::new(offered).try_map(|name| name.parse::<AttackFormats>())
 }

@@ -111,7 +111,7 @@ impl<'a> Job<'a> {
             _ if own.is_empty() => scenes,
             (needs_adversary, Extent::Shard(_)) => scenes.some(needs_adversary)?,
             (true, _) => scenes.attackable()?,
-            (false, _) => scenes.known()?,
+            (false, _) => scenes.only_readable()?,
         };
         Ok(Self { args, extent, prepared, scenes, paths, names, own })
     }

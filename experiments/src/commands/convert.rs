@@ -129,11 +129,11 @@ fn finish(args: &ConvertArgs, run: DatasetRun, records: &[SceneRecord], shards: 
         }
         _ => {
             let counts = Counts::of(records);
-            json!({"scenes": counts.done, "failed": counts.failed()})
+            json!({"scenes": counts.done, "failed": counts.failure_count()})
         }
     };
     let has_pickles = args.to == Format::Pickle;
-    let is_done = Counts::of(records).failed() == 0;
+    let is_done = Counts::of(records).failure_count() == 0;
     run.finish(Ended { records, shards, results, seconds_per_attack: None, has_pickles, is_done })?;
     Ok(())
 }

@@ -167,7 +167,7 @@ fn explain_search(row: &SceneRow, args: &ExplainArgs) -> Result<Outcome> {
         terminal::write_json_line(&mut out, &serde_json::to_string(row)?)?;
         output::print(&String::from_utf8(out)?)?;
     } else {
-        output::print(&row.explained())?;
+        output::print(&row.words())?;
     }
     Ok(Outcome::Done)
 }

@@ -160,7 +160,7 @@ impl<'a> Job<'a> {
             measures,
             prior: loaded.network.into(),
             header: loaded.header,
-            failed: training.failed() + validation.as_ref().map_or(0, Scenes::failed),
+            failed: training.failure_count() + validation.as_ref().map_or(0, Scenes::failure_count),
             data: scenes::describe(&train),
             training,
             train,

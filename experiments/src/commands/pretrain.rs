@@ -66,7 +66,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     };
     let (training, validation) = (train, dev);
     let (train, dev) = (training.read_all()?, validation.read_all()?);
-    let failed = training.failed() + validation.failed();
+    let failed = training.failure_count() + validation.failure_count();
     let header = Header {
         backbone: network.name().to_owned(),
         options: network.options().clone(),

@@ -59,7 +59,7 @@ pub(crate) fn run(args: &SearchArgs, extent: Extent, registries: &Registries) ->
                 results,
                 seconds_per_attack: worked.median_seconds(),
                 has_pickles: args.format.has(Format::Pickle),
-                is_done: Counts::of(records).failed() == 0,
+                is_done: Counts::of(records).failure_count() == 0,
             })?;
         }
     }

@@ -222,7 +222,7 @@ pub(crate) fn run(args: &SimulateArgs, extent: Extent, registries: &Registries) 
                 results: scene_queue::results(records),
                 seconds_per_attack: worked.median_seconds(),
                 has_pickles: false,
-                is_done: Counts::of(records).failed() == 0,
+                is_done: Counts::of(records).failure_count() == 0,
             })?;
         }
     }

@@ -118,8 +118,8 @@ impl Attacks {
             spec,
             &of_parts,
         )?;
-        let plans = plan_metrics(registries, &further, study)?.chosen(&names)?;
-        let drives = registries.metrics.drive.chosen(&listed(Subject::Drive))?;
+        let plans = plan_metrics(registries, &further, study)?.by_names(&names)?;
+        let drives = registries.metrics.drive.by_names(&listed(Subject::Drive))?;
         let mut attack_names = listed(Subject::AttackedDrive);
         if study.avoidable.is_some() {
             // The search was asked for, so its metrics are shown.
@@ -128,7 +128,7 @@ impl Attacks {
             attack_names
                 .extend(missing.into_iter().filter(|name| !listed(Subject::AttackedDrive).contains(name)));
         }
-        let attacked = attacked_metrics(registries, &attack_names)?.chosen(&attack_names)?;
+        let attacked = attacked_metrics(registries, &attack_names)?.by_names(&attack_names)?;
         let measures = Measures {
             drive: study.measures(Subject::Drive),
             trajectory: study.measures(Subject::Trajectory),
@@ -190,7 +190,7 @@ impl Attacks {
             let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
             let test = AttackTest::new(&*ego.policy, simulated, self.seed)?;
             let (name, index) = (data.name.clone(), data.index.clone());
-            let recorded = SceneData { name, scene: test.recorded(), index };
+            let recorded = SceneData { name, scene: test.scene_as_driven(), index };
             Ok((test, recorded))
         });
         let test = match test.transpose() {
@@ -282,7 +282,7 @@ impl Attacks {
                 Some(test) => test.path_of(&attack)?,
                 None => AttackPath::of(attack.trajectory().clone()),
             };
-            let attack = &attack.driven(path.trajectory.clone(), "the driver under test");
+            let attack = &attack.with_drive(path.trajectory.clone(), "the driver under test");
             let mut plan = None;
             if let Some(scene) = measured {
                 plan = Some(Arc::new(scene.measured(attack, seconds)?));
@@ -299,10 +299,11 @@ impl Attacks {
                 cells.push(cell(*key, &self.plans, &plan));
             }
             if let Some(avoidance) = avoidance.as_ref().filter(|_| !self.targets.is_empty()) {
-                let avoided = latest_start::avoided(attack, ctx, &self.objective, point.mu, avoidance);
+                let avoided =
+                    latest_start::avoidable_candidates(attack, ctx, &self.objective, point.mu, avoidance);
                 for (k, target) in self.targets.iter().enumerate() {
                     let Some(key) = key(OfAttack::AtTarget(k)) else { continue };
-                    let time = latest_start::chosen(&avoided, *target).map(|one| one.time);
+                    let time = latest_start::nearest_to(&avoided, *target).map(|one| one.time);
                     let choice = Some(Choice { target: *target, time });
                     cells.push(cell(*key, &self.plans, &MeasuredPlan { choice, ..MeasuredPlan::default() }));
                 }

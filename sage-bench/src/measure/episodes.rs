@@ -102,7 +102,7 @@ impl Episodes {
                 ..Key::new(Subject::Episode, &*candidate.arm, study.seed)
             }));
         }
-        let metrics = registries.metrics.episode.chosen(&listed)?;
+        let metrics = registries.metrics.episode.by_names(&listed)?;
         Ok(Self { candidates, generators, keys, metrics })
     }
 

@@ -51,7 +51,7 @@ impl Policies {
         let listed = study.metrics.get(&Subject::Policy).cloned().unwrap_or_default();
         let rewards = rewards(&listed, registries)?;
         let names = rewards.iter().map(|(name, _)| &name[..]);
-        let metrics = with_rewards(registries.metrics.policy.clone(), names)?.chosen(&listed)?;
+        let metrics = with_rewards(registries.metrics.policy.clone(), names)?.by_names(&listed)?;
         let objectives: Vec<&Objective> = rewards.iter().map(|(_, objective)| objective).collect();
         let measures = Measures::of(&objectives, &registries.parts.rewards, &registries.parts.feasibilities)?;
         let (mut keys, mut all) = (Vec::new(), Vec::new());

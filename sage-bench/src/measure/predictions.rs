@@ -114,7 +114,7 @@ impl Predictions {
             }
         }
         let listed = study.metrics.get(&Subject::Prediction).cloned().unwrap_or_default();
-        let metrics = metrics(registries)?.chosen(&listed)?;
+        let metrics = metrics(registries)?.by_names(&listed)?;
         let key = |predictor: &Predictor, k: usize| Key {
             target: Some(k as f64),
             ..Key::new(Subject::Prediction, &*predictor.name, study.seed)

@@ -135,8 +135,8 @@ impl Searches {
             methods,
             along,
             keys: Vec::new(),
-            searches: registries.metrics.search.chosen(&listed(Subject::Search))?,
-            thresholds: registries.metrics.threshold.chosen(&listed(Subject::Threshold))?,
+            searches: registries.metrics.search.by_names(&listed(Subject::Search))?,
+            thresholds: registries.metrics.threshold.by_names(&listed(Subject::Threshold))?,
             rule: rule.objective,
             seed: study.seed,
         };

@@ -110,7 +110,7 @@ impl Transfers {
             egos,
             methods,
             keys: Vec::new(),
-            metrics: registries.metrics.transfer.chosen(&listed)?,
+            metrics: registries.metrics.transfer.by_names(&listed)?,
             rule: rule.objective,
             // Asked of every attack, also where the driver is not at fault.
             options: SearchOptions {

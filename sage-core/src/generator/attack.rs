@@ -87,7 +87,7 @@ impl Attack {
 
     /// The attack of an adversary that reacted, as it was driven against somebody: the path that it drove is a further
     /// candidate, and selected. An attack that does not react stays as it is.
-    pub fn driven(mut self, path: Trajectory, against: &str) -> Self {
+    pub fn with_drive(mut self, path: Trajectory, against: &str) -> Self {
         let Some(reaction) = self.reaction.take() else { return self };
         let text = format!(
             "the adversary reacts from {:.1} s on; this is the path that it drove against {against}",

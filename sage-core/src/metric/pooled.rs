@@ -66,7 +66,7 @@ impl<S: ?Sized> Metric<S> {
         let of_note = samples.clone();
         let distance = move |of: &S| samples(of).map(|[a, b]| wasserstein(&a, &b));
         let note = move |of: &S| of_note(of).map(|[a, b]| TwoSamples::new([&a, &b]).text());
-        Self::new(Aggregate::Pooled, name, distance).noted(note)
+        Self::new(Aggregate::Pooled, name, distance).with_note(note)
     }
 }
 

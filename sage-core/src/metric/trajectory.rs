@@ -106,7 +106,7 @@ pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
         .with_all([
             Metric::share("attack", |t: &T| Some(t.is_attack()))
                 .about("a feasible trajectory hits the ego")
-                .noted(|t| t.note.as_ref().map(Note::to_string))
+                .with_note(|t| t.note.as_ref().map(Note::to_string))
                 .more_is_better(),
             Metric::share("believable", |t: &T| Some(t.paper.believable == Some(true)))
                 .about("a person would believe the attack")

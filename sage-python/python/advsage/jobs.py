@@ -191,7 +191,7 @@ def _of_generate(engine: argparse.ArgumentParser) -> argparse.ArgumentParser:
     add("--strict", action="store_true", help="refuse a scene with an unusable road user")
     add = parser.add_argument_group("output").add_argument
     add("--out", required=True, metavar="DIR", help="output folder")
-    add("--format", default="pickle", metavar="NAME", help="pickle, native, both, rows, gpudrive or openscenario (default: pickle)")
+    add("--format", default="pickle", metavar="NAME", help="scene files of attacks: pickle, native, both, rows, ... (default: pickle; another name lists all)")
     add("--standard", metavar="VERSION", help="version of OpenSCENARIO")
     add("--scenario-ego", metavar="WHO", help="who drives the ego of a scenario")
     printed = parser.add_mutually_exclusive_group()

@@ -1,4 +1,4 @@
-//! Reads a scene, attacks it at all operating points, and writes the results.
+//! Reads a scene, attacks it at all operating points, and fills and writes the rows and files.
 
 use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
 
@@ -8,7 +8,7 @@ use advsage::{
     prepared::Prepared,
     rows::{
         GeneratedBy,
-        attack::{AttackRow, ChosenScores, LeftOutRow, prevented},
+        attack::{AttackRow, ChosenScores, LeftOutRow, is_prevented},
     },
 };
 use anyhow::Result;
@@ -93,7 +93,8 @@ impl<'w> SceneWriter<'w> {
         let objective = &generator.selection.objective;
         if let Some(target) = job.options.latest_start {
             for (point, attack) in generator.points.iter().zip(&mut attacks) {
-                let avoided = latest_start::avoided(attack, ctx, objective, point.mu, &avoidance);
+                let avoided =
+                    latest_start::avoidable_candidates(attack, ctx, objective, point.mu, &avoidance);
                 latest_start::choose(attack, &avoided, target);
             }
         }
@@ -214,7 +215,7 @@ impl<'w> SceneWriter<'w> {
                 scores: scores.clone(),
                 avoidable: avoidable.clone(),
                 references: references.clone(),
-                r157_avoids: prevented(references),
+                r157_avoids: is_prevented(references),
             },
             candidates,
         }

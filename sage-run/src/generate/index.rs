@@ -1,6 +1,6 @@
 //! The page that lists the attacked scenes of a run.
 
-use advsage::rows::attack::{AttackRow, prevented};
+use advsage::rows::attack::{AttackRow, is_prevented};
 use anyhow::Result;
 use rayon::prelude::*;
 use sage_core::{
@@ -164,7 +164,7 @@ impl Entry {
             realism: scores.kinematic_penalty + scores.behavior_penalty,
             latest_start: avoidable.latest_start,
             avoidable: avoidable.avoidable,
-            prevented_by_r157: prevented(&row.scores.references),
+            prevented_by_r157: is_prevented(&row.scores.references),
             ego: Car::new(&ego_box, &paths[0]),
             adversary: Car::new(&adversary_box, &paths[1]),
         };

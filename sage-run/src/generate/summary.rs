@@ -2,7 +2,7 @@
 
 use advsage::{
     operating_point::OperatingPointSpec,
-    rows::attack::{AttackRow, prevented},
+    rows::attack::{AttackRow, is_prevented},
 };
 use sage_core::{selection_outcome::SelectionOutcome, text::table::Table};
 
@@ -38,7 +38,7 @@ impl Tally {
         }
         if row.outcome.is_attack() {
             count(&mut self.avoidable, row.scores.avoidable.avoidable);
-            count(&mut self.prevented_by_r157, prevented(&row.scores.references));
+            count(&mut self.prevented_by_r157, is_prevented(&row.scores.references));
         }
     }
 

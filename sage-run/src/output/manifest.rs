@@ -137,7 +137,7 @@ impl Counts {
     }
 
     /// Scenes that are not done and not left out.
-    pub fn failed(&self) -> usize {
+    pub fn failure_count(&self) -> usize {
         self.bad + self.retry
     }
 }
@@ -339,7 +339,7 @@ mod tests {
         Manifest::write(&path, "abc", Some(shard), &records).unwrap();
         let read = Manifest::read(&path).unwrap();
         assert_eq!(read.records, records);
-        assert_eq!((read.head.shard, read.head.bytes, read.head.counts.failed()), (Some(shard), 2, 1));
+        assert_eq!((read.head.shard, read.head.bytes, read.head.counts.failure_count()), (Some(shard), 2, 1));
     }
 
     #[test]

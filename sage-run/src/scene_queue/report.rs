@@ -138,7 +138,7 @@ impl Report {
     /// Reports a failed scene.
     ///
     /// *Errors*: as [`Report::done`].
-    pub fn failed(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
+    pub fn report_failure(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
         let mut state = self.state();
         state.failed += 1;
         state.progress.say(&format!("error: {}", named(file, error)));
@@ -163,7 +163,7 @@ impl Report {
     }
 
     /// Number of scenes finished so far.
-    pub fn finished(&self) -> usize {
+    pub fn finished_count(&self) -> usize {
         let state = self.state();
         state.progress.done() - state.failed - state.left_out
     }
@@ -172,7 +172,7 @@ impl Report {
     pub fn finish(self, out: &Path) -> usize {
         let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let scenes = state.progress.done() - state.failed - state.left_out;
-        let found = state.progress.found();
+        let found = state.progress.found_count();
         let before = if found > 0 { format!(", {found} of them finished before") } else { String::new() };
         let scenes = count(scenes, "scene");
         // A result that is a scene need not be counted twice.

@@ -251,7 +251,7 @@ struct ProcessDriver {
 
 impl Driver for ProcessDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        if let Some(action) = self.follower.kept(view) {
+        if let Some(action) = self.follower.kept_action(view) {
             return Ok(Control::Drive(action));
         }
         match self.answer(view) {

@@ -8,7 +8,9 @@ use sage_core::{
     objective::{Context, ContextOptions},
 };
 
-use crate::{Error, attack_test::recorded, drive::Drive, policy::EgoPolicy, scene::SimScene, traffic::Plan};
+use crate::{
+    Error, attack_test::scene_as_driven, drive::Drive, policy::EgoPolicy, scene::SimScene, traffic::Plan,
+};
 
 /// Plans attacks in training and evaluation.
 pub trait Attacker: Send + Sync {
@@ -55,7 +57,7 @@ pub fn plan_of_generator(
     drive: Option<&Drive>,
     seed: u64,
 ) -> Result<Arc<Plan>, Error> {
-    let recorded = recorded(scene, drive);
+    let recorded = scene_as_driven(scene, drive);
     let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default())?;
     let attacks = generator.attacks(&ctx, std::slice::from_ref(point), seed)?;
     let attack = attacks.first().ok_or_else(|| Error::Plan {

@@ -14,7 +14,7 @@ use crate::{
     Error,
     drive::{Drive, InformedDriver},
     environment::{Environment, EnvironmentOptions, Outcome},
-    observation::{LENGTH, mirrored},
+    observation::{LENGTH, mirror},
     policy::EgoPolicy,
     scene::SimScene,
     traffic::Plan,
@@ -153,7 +153,7 @@ impl RunningEpisode {
     pub(super) fn observe(&mut self, observe: Observe) {
         observe(&self.environment, &mut self.observation);
         if self.record.is_mirrored {
-            mirrored(&mut self.observation);
+            mirror(&mut self.observation);
         }
     }
 

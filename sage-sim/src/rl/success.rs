@@ -37,7 +37,7 @@ pub(crate) fn success(
 fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motion], step: usize) -> bool {
     let drive = Drive { motions: motions.to_vec(), ..Drive::default() };
     let search = || -> Option<bool> {
-        let recorded = Arc::new(drive.recorded(scene));
+        let recorded = Arc::new(drive.scene_as_driven(scene));
         let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default()).ok()?;
         // Beyond the recording nothing is scored.
         let last = plan.motion.valid.len() - 1;

@@ -186,7 +186,7 @@ impl Learner for Td3 {
     fn record(&self) -> Value {
         json!(Record {
             updates: self.networks.updates(),
-            written: self.buffer.written(),
+            written: self.buffer.written_count(),
             buffer: self.log.clone(),
             rows: self.rows.clone(),
             diverging: self.diverging,

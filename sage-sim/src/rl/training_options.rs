@@ -164,13 +164,13 @@ impl TrainingOptions {
     }
 
     /// Share of the last action that an action of the policy keeps.
-    pub fn kept(&self) -> f64 {
+    pub fn kept_share(&self) -> f64 {
         if self.algorithm == Algorithm::Ppo { self.ppo.kept } else { 0.0 }
     }
 
     /// The policy of an actor.
     pub fn policy(&self, actor: Network<f32>) -> ActorPolicy {
-        ActorPolicy::new(actor).observing(self.observation()).keeping(self.kept())
+        ActorPolicy::new(actor).observing(self.observation()).keeping(self.kept_share())
     }
 
     /// Rules of the training episodes.

@@ -84,7 +84,7 @@ pub fn search_metrics() -> Result<Metrics<MeasuredSearch>, Error> {
                 .about("the same, and an evasive manoeuvre exists, knowing the plan; asked where references are"),
             Metric::share("failure", |s: &S| Some(!s.result.failures.is_empty()))
                 .about("a plan meets all required clauses")
-                .noted(|s| s.result.reason.map(|reason| reason.words().to_owned()))
+                .with_note(|s| s.result.reason.map(|reason| reason.words().to_owned()))
                 .more_is_better(),
             Metric::mean("failures", |s: &S| Some(s.result.failures.len() as f64))
                 .about("drives that meet all required clauses"),

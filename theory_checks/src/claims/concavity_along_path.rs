@@ -72,7 +72,7 @@ fn above_but_not_concave(tally: &mut Tally) {
     tally.holds(inner.clone().all(|lambda| reward(lambda) > 0.0));
     let step = 1e-4;
     let bend = |l: f64| (reward(l - step) - 2.0 * reward(l) + reward(l + step)) / (step * step);
-    tally.stored(inner.map(bend).fold(f64::NEG_INFINITY, f64::max), 15.8, 0.05);
+    tally.compare_stored(inner.map(bend).fold(f64::NEG_INFINITY, f64::max), 15.8, 0.05);
 }
 
 impl Check for ConcavityAlongPath {

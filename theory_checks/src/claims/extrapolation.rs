@@ -53,7 +53,7 @@ fn ways(adversarial: &DVector<f64>, realistic: &DVector<f64>, prior: &DVector<f6
 fn converged(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let families = [Shape::LogCosh, Shape::PseudoHuber].map(Family::Separable);
     let pair = Pair::with(rng, families, CONSTANTS, 1.0, DIMENSION);
-    let Some(experts) = pair.experts(BETA) else { return tally.unsolved() };
+    let Some(experts) = pair.experts(BETA) else { return tally.add_unsolved() };
     let prior = normals(rng, DIMENSION);
     let [adversarial, realistic] = &experts.thetas;
     // The identity: beyond the line is along both vectors.
@@ -115,7 +115,7 @@ fn stopped(rng: &mut Rng, tally: &mut Tally) {
     let rewards = [draw(rng), draw(rng)];
     let start = prior.clone();
     let Some(experts) = Experts::of([&rewards[0], &rewards[1]], BETA, &start) else {
-        return tally.unsolved();
+        return tally.add_unsolved();
     };
     for (time, _) in TIMES {
         let stop = |weight: f64, optimum: &DVector<f64>| {
@@ -228,8 +228,8 @@ impl Check for Extrapolation {
         let line = Line { a: 1.0, b: 1.0 };
         let (first, second) = (line.optimum(BETA), line.optimum(1.0 - BETA));
         for (lambda, mu) in [(-0.125, 0.0), (1.125, 1.0)] {
-            tally.stored(second + lambda * (first - second), line.optimum(mu), 1e-12);
-            tally.stored(Preference { mu, beta: BETA }.coefficients()[0], lambda, 1e-12);
+            tally.compare_stored(second + lambda * (first - second), line.optimum(mu), 1e-12);
+            tally.compare_stored(Preference { mu, beta: BETA }.coefficients()[0], lambda, 1e-12);
         }
         let rates = ["gain", "cost"].map(|name| tally.samples(name).to_vec());
         let points = rates[0].iter().zip(&rates[1]).map(|(gain, cost)| [*gain, *cost]).collect();

@@ -135,7 +135,7 @@ fn stored(tally: &mut Tally) {
         offset: DVector::from_row_slice(&[1.0, 1.0]),
     };
     let far = cosine(&flow.vector(1e4), &flow.gradient(0.0));
-    tally.stored(far, 1.01 / (2.0f64 * 1.0001).sqrt(), 1e-12);
+    tally.compare_stored(far, 1.01 / (2.0f64 * 1.0001).sqrt(), 1e-12);
     tally.exception(far < SAME);
 }
 

@@ -69,7 +69,7 @@ fn identity(instance: usize, rng: &mut sage_core::seed::Rng, tally: &mut Tally, 
             tally.equal(lambda, best, TOLERANCE);
             tally.equal(gap, direct, TOLERANCE * (1.0 + direct));
         }
-        None => tally.unsolved(),
+        None => tally.add_unsolved(),
     }
 }
 
@@ -90,7 +90,7 @@ fn table(setup: &Setup, injected: Option<usize>) -> (Tally, Table) {
             for mu in PREFERENCES {
                 let at = Preference { mu, beta: BETA };
                 let Some(segment) = quadratics.segment(at, injected) else {
-                    tally.unsolved();
+                    tally.add_unsolved();
                     continue;
                 };
                 let [_, gap] = segment.direct;
@@ -131,19 +131,19 @@ fn stored(tally: &mut Tally, injected: Option<usize>) {
     };
     let thetas = [(BETA, [0.926713081715, 0.013924514474]), (1.0 - BETA, [0.340417735434, 0.600219860755])];
     for (weight, known) in thetas {
-        let Some(theta) = quadratics.optimum(weight) else { return tally.unsolved() };
-        theta.iter().zip(known).for_each(|(found, known)| tally.stored(*found, known, 1e-11));
+        let Some(theta) = quadratics.optimum(weight) else { return tally.add_unsolved() };
+        theta.iter().zip(known).for_each(|(found, known)| tally.compare_stored(*found, known, 1e-11));
     }
     for (mu, [free, gap, max, min, best]) in FIXTURE {
         let at = Preference { mu, beta: BETA };
-        let Some(segment) = quadratics.segment(at, injected) else { return tally.unsolved() };
+        let Some(segment) = quadratics.segment(at, injected) else { return tally.add_unsolved() };
         let bounds = quadratics.bounds(at, segment.distance);
-        tally.stored(segment.distance, 0.8291468303, 1e-10);
-        tally.stored(segment.free, free, 1e-9);
-        tally.stored(segment.formula[1], gap, 1e-11);
-        tally.stored(bounds.max(), max, 1e-7);
-        tally.stored(bounds.min(), min, 1e-7);
-        tally.stored(bounds.best(), best, 1e-7);
+        tally.compare_stored(segment.distance, 0.8291468303, 1e-10);
+        tally.compare_stored(segment.free, free, 1e-9);
+        tally.compare_stored(segment.formula[1], gap, 1e-11);
+        tally.compare_stored(bounds.max(), max, 1e-7);
+        tally.compare_stored(bounds.min(), min, 1e-7);
+        tally.compare_stored(bounds.best(), best, 1e-7);
     }
 }
 

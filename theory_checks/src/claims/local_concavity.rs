@@ -81,14 +81,14 @@ fn two_hills(tally: &mut Tally, is_honest: bool) -> [f64; 2] {
     };
     let lower = top(0.5, 0.05);
     let local = 0.5 * bend(lower) + 0.5 * bend(lower - 0.1);
-    tally.stored(local, 0.99625, 1e-5);
+    tally.compare_stored(local, 0.99625, 1e-5);
     let m = if is_honest { 0.0 } else { local };
     let bounds = Bounds::of(Preference { mu: 0.5, beta: BETA }, [Curvature { m, l: 1.5 }; 2], second - first);
-    tally.stored(first, 0.009964, 1e-6);
-    tally.stored(second, 0.090036, 1e-6);
-    tally.stored(gap, 0.499375, 1e-6);
+    tally.compare_stored(first, 0.009964, 1e-6);
+    tally.compare_stored(second, 0.090036, 1e-6);
+    tally.compare_stored(gap, 0.499375, 1e-6);
     if !is_honest {
-        tally.stored(bounds.max(), 0.00181, 5e-6);
+        tally.compare_stored(bounds.max(), 0.00181, 5e-6);
     }
     [gap, bounds.max()]
 }
@@ -134,14 +134,14 @@ impl Check for LocalConcavity {
             let flat = Flat { distance };
             if distance == 10.0 {
                 let (first, second) = (flat.optimum(BETA), flat.optimum(1.0 - BETA));
-                tally.stored(first, 9.98889, 1e-5);
-                tally.stored(second, 8.52778, 1e-5);
-                tally.stored(first - second, 1.46111, 1e-5);
-                tally.stored(first.cosh().powi(-2), 8.4e-9, 5e-11);
+                tally.compare_stored(first, 9.98889, 1e-5);
+                tally.compare_stored(second, 8.52778, 1e-5);
+                tally.compare_stored(first - second, 1.46111, 1e-5);
+                tally.compare_stored(first.cosh().powi(-2), 8.4e-9, 5e-11);
             }
             let ((found, bounds), (_, honest)) = (flat.measured(false), flat.measured(true));
             for (found, known) in [(found, gap), (bounds.max(), max), (bounds.min(), min)] {
-                tally.stored(found, known, 1e-5);
+                tally.compare_stored(found, known, 1e-5);
             }
             if !is_honest {
                 tally.counterexample(found > bounds.min());

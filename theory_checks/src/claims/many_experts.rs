@@ -87,7 +87,7 @@ fn exact(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<usi
     };
     let shares = simplex(rng, count);
     let mu = objectives.tr_mul(&shares);
-    let Some(c) = coefficients(&objectives, &mu, injected) else { return tally.unsolved() };
+    let Some(c) = coefficients(&objectives, &mu, injected) else { return tally.add_unsolved() };
     tally.equal(c.sum(), 1.0, 1e-12 * (1.0 + c.abs().sum()));
     let own = of_experts(&objectives, &curvatures, injected);
     let weights = c.component_mul(&own) / c.dot(&own);
@@ -117,7 +117,7 @@ fn attained(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<
         }
         beyond *= 0.5;
     };
-    let Some(found) = coefficients(&objectives, &mu, injected) else { return tally.unsolved() };
+    let Some(found) = coefficients(&objectives, &mu, injected) else { return tally.add_unsolved() };
     let curvature = log_uniform(rng, [-1.0, 1.0]);
     let thetas: Vec<DVector<f64>> = positions.iter().map(|x| DVector::from_element(1, *x)).collect();
     let loss = |x: f64| 0.5 * curvature * (x - c.dot(&positions)).powi(2);
@@ -214,7 +214,9 @@ fn bounds(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<us
         let weights = objectives.row(row).iter().copied().collect();
         optimum(&Mixed { of: base.clone(), weights }, DVector::zeros(dimension))
     };
-    let Some(thetas) = (0..count).map(expert).collect::<Option<Vec<_>>>() else { return tally.unsolved() };
+    let Some(thetas) = (0..count).map(expert).collect::<Option<Vec<_>>>() else {
+        return tally.add_unsolved();
+    };
     let constants = |of: fn(&Curvature) -> f64| {
         let base = DVector::from_iterator(count, base.iter().map(|reward| of(&reward.curvature())));
         of_experts(&objectives, &base, injected)
@@ -222,7 +224,7 @@ fn bounds(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<us
     let (l, m) = (constants(|c| c.l), constants(|c| c.m));
     // A preference inside, and any.
     for mu in [objectives.tr_mul(&simplex(rng, count)), simplex(rng, count)] {
-        let Some(c) = coefficients(&objectives, &mu, injected) else { return tally.unsolved() };
+        let Some(c) = coefficients(&objectives, &mu, injected) else { return tally.add_unsolved() };
         let reward = Mixed { of: base.clone(), weights: mu.iter().copied().collect() };
         let own = reward.curvature().m;
         // R_μ is the combination of the experts' rewards.
@@ -232,7 +234,7 @@ fn bounds(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<us
         tally.equal(combined, reward.value(&theta), 1e-11 * (1.0 + c.abs().sum() * values.abs().sum()));
         let experts = Simplex { reward, thetas: thetas.clone() };
         let best = experts.best();
-        let Some(hat) = optimum(&experts.reward, experts.at(&best)) else { return tally.unsolved() };
+        let Some(hat) = optimum(&experts.reward, experts.at(&best)) else { return tally.add_unsolved() };
         let top = experts.reward.value(&hat);
         let rounding = 1e-11 * (1.0 + top.abs());
         let loss = |weights: &DVector<f64>| top - experts.reward.value(&experts.at(weights));
@@ -274,21 +276,21 @@ fn stored(tally: &mut Tally, injected: Option<usize>) {
     let own = of_experts(&objectives, &curvatures, injected);
     let known = [4.0 / 7.0, 2.0 / 7.0, 1.0 / 7.0];
     let mu = DVector::from_row_slice(&[0.5, 0.3, 0.2]);
-    let Some(c) = coefficients(&objectives, &mu, None) else { return tally.unsolved() };
-    c.iter().zip(known).for_each(|(found, known)| tally.stored(*found, known, 1e-12));
+    let Some(c) = coefficients(&objectives, &mu, None) else { return tally.add_unsolved() };
+    c.iter().zip(known).for_each(|(found, known)| tally.compare_stored(*found, known, 1e-12));
     let weights = c.component_mul(&own) / c.dot(&own);
     for (found, known) in weights.iter().zip([0.408163265, 0.299319728, 0.292517007]) {
-        tally.stored(*found, known, 1e-9);
+        tally.compare_stored(*found, known, 1e-9);
     }
     let pull = mu.component_mul(&curvatures);
     for (axis, known) in [0.238095238, 0.285714286].into_iter().enumerate() {
         let hat: f64 = optima.iter().zip(&pull).map(|(theta, pull)| theta[axis] * pull).sum();
-        tally.stored(hat / pull.sum(), known, 1e-9);
+        tally.compare_stored(hat / pull.sum(), known, 1e-9);
     }
     let outside = coefficients(&objectives, &DVector::from_row_slice(&[0.95, 0.05, 0.0]), None);
-    let Some(outside) = outside else { return tally.unsolved() };
+    let Some(outside) = outside else { return tally.add_unsolved() };
     for (found, known) in outside.iter().zip([1.214285714, -0.071428571, -0.142857143]) {
-        tally.stored(*found, known, 1e-9);
+        tally.compare_stored(*found, known, 1e-9);
     }
 }
 

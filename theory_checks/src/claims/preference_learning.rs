@@ -166,7 +166,7 @@ fn population(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Optio
     let (rewards, reference) = (normals(rng, ITEMS), softmax(&normals(rng, ITEMS)));
     let start = reference.map(f64::ln);
     let labels = Labels { wins: bradley_terry(&rewards), reference: start.clone(), temperature };
-    let Some(logits) = optimum(&labels, start) else { return tally.unsolved() };
+    let Some(logits) = optimum(&labels, start) else { return tally.add_unsolved() };
     let policy = softmax(&logits);
     // It maximises the expected reward less kl_beta times the KL divergence: its gradient is 0, and no other is better.
     let objective = |policy: &DVector<f64>| -> f64 {
@@ -258,12 +258,12 @@ fn stored(tally: &mut Tally) {
     let policy = |temperature: f64| softmax(&(reference.map(f64::ln) + &rewards / temperature));
     let at_half = policy(0.5);
     for (found, known) in at_half.iter().zip([0.03666671184, 0.16255943445, 0.800773853709]) {
-        tally.stored(*found, known, 1e-11);
+        tally.compare_stored(*found, known, 1e-11);
     }
-    tally.stored(at_half.dot(&rewards), 1.76410714, 1e-8);
+    tally.compare_stored(at_half.dot(&rewards), 1.76410714, 1e-8);
     let divergence: f64 = at_half.iter().zip(&reference).map(|(p, r)| p * (p / r).ln()).sum();
-    tally.stored(divergence, 0.91547549, 1e-8);
-    tally.stored(1.0 - policy(0.05)[2], 3.09e-9, 1e-11);
+    tally.compare_stored(divergence, 0.91547549, 1e-8);
+    tally.compare_stored(1.0 - policy(0.05)[2], 3.09e-9, 1e-11);
 }
 
 impl Check for PreferenceLearning {
@@ -320,14 +320,14 @@ impl Check for PreferenceLearning {
             let found = [spread, statistics::mean(&losses).unwrap_or(f64::NAN), softmax(ratios).max()];
             let digits = [0.005, 0.015, 0.005].map(|share: f64| share);
             for ((found, known), digits) in found.iter().zip(known).zip(digits) {
-                tally.stored(*found, known, digits * known);
+                tally.compare_stored(*found, known, digits * known);
             }
             pairs.row(format!("{steps}"), found.map(Number::new));
             spreads.push([*steps as f64, spread]);
             if *steps == DESCENT[DESCENT.len() - 1].0 {
                 let mean = spread / (RANKED - 1) as f64;
                 for (k, known) in GAPS.iter().enumerate() {
-                    tally.stored((ratios[k + 1] - ratios[k]) / mean, *known, 0.006);
+                    tally.compare_stored((ratios[k + 1] - ratios[k]) / mean, *known, 0.006);
                 }
             }
         }

@@ -159,7 +159,7 @@ impl Check for PrintedBound {
             let at = Preference { mu, beta };
             let bounds = line.bounds(at);
             let found = [line.direct(at)[1], printed(&line, at, injected), bounds.max(), bounds.min()];
-            found.iter().zip(known).for_each(|(found, known)| tally.stored(*found, known, 1e-6));
+            found.iter().zip(known).for_each(|(found, known)| tally.compare_stored(*found, known, 1e-6));
             tally.counterexample(found[1] < found[0] * (1.0 - NEAR));
             table.row(format!("{beta}; {a}; {b}; {mu}"), found.map(Number::new));
         }

@@ -144,8 +144,8 @@ fn stored(tally: &mut Tally) {
         |theta: f64| -> f64 { inputs.iter().zip(targets).map(|(x, y)| 0.25 * (theta * x - y).powi(2)).sum() };
     let eta = loss(1.0) - 2.0 * loss(0.0) + loss(-1.0);
     let quotient = inputs.iter().map(|x| 0.5 * x * x).sum::<f64>();
-    tally.stored(eta, 2.5, 1e-12);
-    tally.stored(quotient, 2.5, 1e-12);
+    tally.compare_stored(eta, 2.5, 1e-12);
+    tally.compare_stored(quotient, 2.5, 1e-12);
     tally.counterexample(eta <= quotient);
 }
 

@@ -123,7 +123,7 @@ fn random_pair(
     for mu in preferences {
         let at = Preference { mu: *mu, beta: experts.beta };
         let Some((_, gap)) = experts.gap(*mu) else {
-            tally.unsolved();
+            tally.add_unsolved();
             continue;
         };
         // The appendix's bound as it reads with this preference (T6).
@@ -171,21 +171,21 @@ fn stored(tally: &mut Tally, injected: Option<usize>) {
     let adversarial = reward(Shape::LogCosh, 0.5, 3.0, 0.0, [1.0, 0.0]);
     let realistic = reward(Shape::PseudoHuber, 0.3, 2.0, 30.0, [-1.0, 1.0]);
     let Some(experts) = Experts::of([&adversarial, &realistic], 0.9, &DVector::zeros(2)) else {
-        return tally.unsolved();
+        return tally.add_unsolved();
     };
     let thetas = [[0.925151115205, 0.032556411394], [-0.813961867241, 0.875589290513]];
     for (theta, known) in experts.thetas.iter().zip(thetas) {
-        theta.iter().zip(known).for_each(|(found, known)| tally.stored(*found, known, 1e-11));
+        theta.iter().zip(known).for_each(|(found, known)| tally.compare_stored(*found, known, 1e-11));
     }
-    tally.stored(experts.distance(), 1.932671312196, 1e-11);
+    tally.compare_stored(experts.distance(), 1.932671312196, 1e-11);
     for (mu, hat, [lambda, gap, max, min, best]) in FIXTURE {
-        let Some((found, loss)) = experts.gap(mu) else { return tally.unsolved() };
+        let Some((found, loss)) = experts.gap(mu) else { return tally.add_unsolved() };
         let bounds = bounds(&experts.bounds(mu), Preference { mu, beta: 0.9 }, injected);
-        loss.hat.iter().zip(hat).for_each(|(found, known)| tally.stored(*found, known, 1e-8));
-        tally.stored(found, lambda, 1e-7);
-        tally.stored(loss.value, gap, 1e-8 * gap);
+        loss.hat.iter().zip(hat).for_each(|(found, known)| tally.compare_stored(*found, known, 1e-8));
+        tally.compare_stored(found, lambda, 1e-7);
+        tally.compare_stored(loss.value, gap, 1e-8 * gap);
         for (found, known) in bounds.into_iter().zip([max, min, best]) {
-            tally.stored(found, known, 1e-6);
+            tally.compare_stored(found, known, 1e-6);
         }
     }
 }
@@ -325,7 +325,7 @@ impl Check for SharperBounds {
             let group = if is_large { "300 and 1000".to_owned() } else { dimension.to_string() };
             match pair.experts(BETAS[number % BETAS.len()]) {
                 Some(experts) => random_pair(tally, &experts, preferences, &group, injected),
-                None => tally.unsolved(),
+                None => tally.add_unsolved(),
             }
         };
         if setup.is_full() && injected.is_none() {

@@ -88,7 +88,7 @@ impl Check for SignRule {
                         }
                     }
                 }
-                None => tally.unsolved(),
+                None => tally.add_unsolved(),
             }
         });
         let flat = setup.each("T5s flat", 600, |instance, rng, tally| {
@@ -98,7 +98,7 @@ impl Check for SignRule {
             let pair = Pair::with(rng, [family; 2], [curvature; 2], scale, 3);
             match pair.experts(BETAS[instance % BETAS.len()]) {
                 Some(experts) => drop(follow(tally, &experts, injected)),
-                None => tally.unsolved(),
+                None => tally.add_unsolved(),
             }
         });
         let tally = curved.and(flat);

@@ -91,16 +91,16 @@ fn contacts(tally: &mut Tally, injected: Option<usize>) -> Table {
         }
         // Late contacts score less than near misses.
         let late = |distance: f64| HORIZON as f64 * (1.0 - (-0.2 * distance).exp() / 10.0);
-        tally.stored(late(2.0), 74.6, 0.05);
-        tally.stored(late(4.6), 76.8, 0.05);
+        tally.compare_stored(late(2.0), 74.6, 0.05);
+        tally.compare_stored(late(4.6), 76.8, 0.05);
     }
-    tally.stored(reward(Convention::Paper, HORIZON, 0.0), 0.0, 1e-12);
+    tally.compare_stored(reward(Convention::Paper, HORIZON, 0.0), 0.0, 1e-12);
     // The published code has a second jump.
     let far = [-NEAR, NEAR].map(|shift| reward(Convention::Release, 40, 20.0 + shift));
-    tally.stored(far[0] - far[1], 0.0183156, 1e-6);
+    tally.compare_stored(far[0] - far[1], 0.0183156, 1e-6);
     tally.counterexample(far[0] - far[1] > 0.01);
     let paper = [-NEAR, NEAR].map(|shift| reward(Convention::Paper, 40, 20.0 + shift));
-    tally.stored(paper[0] - paper[1], 0.0, 1e-9);
+    tally.compare_stored(paper[0] - paper[1], 0.0, 1e-9);
     table.row("release; at 20 m", [far[0], far[1], far[0] - far[1]].map(Number::new));
     table
 }
@@ -231,7 +231,7 @@ impl Check for Smoothness {
         let jumps = contacts(&mut tally, injected);
         let logits = DVector::from_row_slice(&[(2.0 + 3f64.sqrt()).ln(), 0.0]);
         let [low, high] = spectral_norm(&expectation(&logits, &DVector::from_row_slice(&[1.0, 0.0]), None).1);
-        tally.stored(high.max(-low), SHARPEST, 1e-12);
+        tally.compare_stored(high.max(-low), SHARPEST, 1e-12);
         let largest = |name: &str| tally.samples(name).iter().copied().fold(0.0, f64::max);
         let mut norms = Table::new("Hessian of the expected reward in the logits", &["quantity", "value"]);
         norms.row("largest norm / bound", [Number::new(largest("norm")).beside(0.384, Distance(0.05))]);

@@ -124,16 +124,16 @@ impl Check for UnequalCurvature {
         for (b, mu, [lambda, gap, max, min]) in FIXTURE {
             let (line, at) = (Line { a: 1.0, b }, Preference { mu, beta: 0.9 });
             let ([found, direct], bounds) = (formula(&line, at), line.bounds(at));
-            tally.stored(found, lambda, 1e-8);
-            tally.stored(direct, gap, 1e-12);
-            tally.stored(bounds.max(), max, 1e-9);
-            tally.stored(bounds.min(), min, 1e-11);
-            tally.stored(bounds.centre().unwrap_or(0.0), 0.0, 1e-12);
+            tally.compare_stored(found, lambda, 1e-8);
+            tally.compare_stored(direct, gap, 1e-12);
+            tally.compare_stored(bounds.max(), max, 1e-9);
+            tally.compare_stored(bounds.min(), min, 1e-11);
+            tally.compare_stored(bounds.centre().unwrap_or(0.0), 0.0, 1e-12);
         }
-        tally.stored(Line { a: 1.0, b: 4.0 }.distance(0.9), 0.66528067, 1e-8);
+        tally.compare_stored(Line { a: 1.0, b: 4.0 }.distance(0.9), 0.66528067, 1e-8);
         let coefficients = Preference { mu: 0.3, beta: 0.9 }.coefficients();
         for (found, known) in coefficients.into_iter().zip([0.25, 0.75]) {
-            tally.stored(found, known, 1e-12);
+            tally.compare_stored(found, known, 1e-12);
         }
         tally.report(vec![], vec![])
     }

@@ -89,7 +89,7 @@ impl Check for WidthOfOptimality {
             for (beta, known) in WIDTHS {
                 let [width, largest, mean] = equal_curvature(beta);
                 let formula = if injected == Some(0) { 2.0 * (1.0 - beta) } else { 2.0 * beta - 1.0 };
-                tally.stored(formula, known, 1e-12);
+                tally.compare_stored(formula, known, 1e-12);
                 tally.equal(formula, width, 2.0 / STEPS as f64);
                 tally.equal(0.5 * (1.0 - beta).powi(2), largest, 1e-12);
                 tally.equal((1.0 - beta).powi(3) / 3.0, mean, 1e-6);

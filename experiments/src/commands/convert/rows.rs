@@ -110,7 +110,7 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, extent: Extent) -> Result<Outco
             results: scene_queue::results(records),
             seconds_per_attack: None,
             has_pickles: args.to == Format::Pickle,
-            is_done: Counts::of(records).failed() == 0,
+            is_done: Counts::of(records).failure_count() == 0,
         })?),
     }
     Ok(scene_queue::outcome(records, extent, out, "converted", scene_queue::AGAIN))

@@ -224,7 +224,7 @@ fn converted(
                     .with_context(|| format!("cannot write `{}`", target.display()))?;
                 repairs::notes_of(&recording).chain(notes.into_keys()).collect()
             }
-            _ => {
+            Format::Native | Format::Pickle | Format::TfRecord | Format::Parquet => {
                 recording.write(&target)?;
                 repairs::notes_of(&recording).collect()
             }

@@ -90,7 +90,7 @@ impl Search {
             is_kept: *is_kept,
         };
         let soup = of_members(names.len(), &found.members);
-        Ok((soup, found.steps.iter().map(step).collect(), scenes.failed()))
+        Ok((soup, found.steps.iter().map(step).collect(), scenes.failure_count()))
     }
 }
 

@@ -107,11 +107,11 @@ impl OneScene<'_> {
         // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.
         row.files = self.write_failures(&files, &scene, &row.head, &pool, &result)?;
         let mut written = Vec::new();
-        if !result.failures.is_empty() && args.format != AttackFormats::NONE {
+        if !result.failures.is_empty() && args.format != AttackFormats::Rows {
             written.push((unchanged_file(self.name), recording.to_native()?));
         }
         written.push((drives_file(self.name), serde_json::to_vec(&self.drives(&row.head, &pool, &result))?));
-        let picture = picture::draw(self.name, &test.recorded(), &pool, &result);
+        let picture = picture::draw(self.name, &test.scene_as_driven(), &pool, &result);
         written.push((picture_file(self.name), picture.into_bytes()));
         row.files.extend(written.iter().map(|(name, _)| name.clone()));
         // Several failures share the map of their scenarios.

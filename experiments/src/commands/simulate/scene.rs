@@ -7,7 +7,7 @@ use advsage::{
     ego::Ego,
     rows::{
         GeneratedBy,
-        drive::{AttackRow, DriveRow, RowHead},
+        drive::{DriveAttack, DriveRow, RowHead},
     },
 };
 use anyhow::{Context as _, Result};
@@ -188,7 +188,7 @@ impl SceneDrives<'_> {
         ego: &Ego,
         episode: &Episode,
         generated: GeneratedBy,
-        attack: Option<AttackRow>,
+        attack: Option<DriveAttack>,
     ) -> DriveRow {
         let head = RowHead {
             run_hash: self.run.hash(),

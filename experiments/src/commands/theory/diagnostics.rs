@@ -108,7 +108,7 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
     if found.mixing.is_empty() {
         progress::say("G5 and G6 are left out: no scene records the adversary's whole future");
     }
-    Ok((subject, all.into_iter().flatten().collect(), scenes.failed()))
+    Ok((subject, all.into_iter().flatten().collect(), scenes.failure_count()))
 }
 
 impl Found {

@@ -35,6 +35,6 @@ impl TrainingScenes {
 
     /// Whether scenes were left out.
     pub(super) fn outcome(&self) -> Outcome {
-        scenes::outcome_without(self.training.failed() + self.validation.failed())
+        scenes::outcome_without(self.training.failure_count() + self.validation.failure_count())
     }
 }

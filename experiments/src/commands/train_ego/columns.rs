@@ -39,7 +39,7 @@ impl Columns {
         };
         let own = registered.all().iter().filter(is_own).map(|metric| metric.info.name.to_string());
         let names: Vec<String> = NAMES.map(str::to_owned).into_iter().chain(own).collect();
-        Ok(Self(registered.chosen(&names)?))
+        Ok(Self(registered.by_names(&names)?))
     }
 
     /// Names, as heads of CSV and keys of JSON.

@@ -76,7 +76,7 @@ fn driveable(
     needs_adversary: bool,
 ) -> Result<(Vec<SceneData>, usize)> {
     let all = Scenes::of(paths, &split.filter(), procedural, seed)?;
-    let all = if needs_adversary { all.attackable()? } else { all.known()? };
+    let all = if needs_adversary { all.attackable()? } else { all.only_readable()? };
     let mut loaded = all.read_all()?;
     loaded.retain(|data| match SimScene::new(data.scene.clone(), data.index.clone()) {
         Ok(_) => true,
@@ -88,7 +88,7 @@ fn driveable(
     if loaded.is_empty() {
         bail!("no scenes are left; give more paths or other filters");
     }
-    Ok((loaded, all.failed()))
+    Ok((loaded, all.failure_count()))
 }
 
 fn refuse_overlap(args: &TrainEgoArgs, training: &[SceneData], evaluation: &[SceneData]) -> Result<()> {

@@ -144,5 +144,5 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCa
         "attacked": report::means(&shared.columns, &evaluation.attacked),
     });
     let card = PolicyCard::new(options.observation(), training, measured, shared.license());
-    PolicyCard { kept: options.kept(), ..card }
+    PolicyCard { kept: options.kept_share(), ..card }
 }

@@ -56,7 +56,7 @@ pub(super) fn attacked_metrics(registries: &Registries, listed: &[String]) -> Re
         registries.metrics.attack.all().iter().map(|m| m.of_part(|a: &PlanAndDrive| Some(&a.attack)));
     let names: Vec<String> =
         listed.iter().filter_map(|name| Some(name.strip_prefix(OF_PLAN)?.to_owned())).collect();
-    let of_plan = registries.metrics.trajectory.chosen(&names)?.into_iter().map(|metric| {
+    let of_plan = registries.metrics.trajectory.by_names(&names)?.into_iter().map(|metric| {
         let mut metric = metric.of_part(|a: &PlanAndDrive| a.plan.as_deref());
         metric.info.name = format!("{OF_PLAN}{}", metric.info.name).into();
         metric

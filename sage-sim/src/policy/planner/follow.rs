@@ -33,7 +33,7 @@ impl Follower {
     }
 
     /// The action of a step at which the planner is not asked; `None` if it is.
-    pub fn kept(&mut self, view: &View) -> Option<Action> {
+    pub fn kept_action(&mut self, view: &View) -> Option<Action> {
         let plan = self.plan.as_mut().filter(|plan| plan.is_kept())?;
         Some(plan.next(view, &mut self.memory))
     }

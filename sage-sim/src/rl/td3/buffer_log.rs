@@ -50,7 +50,7 @@ impl BufferLog {
     pub fn append(&mut self, buffer: &ReplayBuffer, folder: &Path) -> io::Result<()> {
         self.0.retain(|file| file.end() > buffer.oldest());
         let first = self.0.last().map_or(buffer.oldest(), RowFile::end).max(buffer.oldest());
-        let rows = buffer.written() - first;
+        let rows = buffer.written_count() - first;
         if rows == 0 {
             return Ok(());
         }
@@ -92,7 +92,7 @@ impl BufferLog {
         for file in &self.0 {
             let path = folder.join(file.name());
             let fail = |problem: String| format!("`{}`: {problem}", path.display());
-            let next = buffer.written();
+            let next = buffer.written_count();
             if file.first > next || file.end() <= next || file.end() > written {
                 let [first, end] = [file.first, file.end()];
                 return Err(fail(format!("it is listed with rows {first} to {end}; expected row {next}")));
@@ -107,7 +107,7 @@ impl BufferLog {
             let mut rows = &bytes[((next - file.first) * row_bytes) as usize..];
             buffer.read_rows(file.end() - next, &mut rows).map_err(|error| fail(error.to_string()))?;
         }
-        match buffer.written() {
+        match buffer.written_count() {
             all if all == written => Ok(()),
             next => Err(format!(
                 "`{}`: the rows from {next} to {written} are missing",

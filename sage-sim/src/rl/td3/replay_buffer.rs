@@ -60,7 +60,7 @@ impl ReplayBuffer {
     }
 
     /// Number of rows written so far, which is the number of the next row.
-    pub fn written(&self) -> u64 {
+    pub fn written_count(&self) -> u64 {
         self.written
     }
 
@@ -215,11 +215,11 @@ mod tests {
         let mut buffer = ReplayBuffer::new(transitions, [1, 1]);
         let mut at = buffer.start(&[0.0]);
         for step in 1..=steps {
-            let next = [buffer.written() as f32];
+            let next = [buffer.written_count() as f32];
             let is_terminal = step % length == 0;
             at = buffer.step(&Transition { from: at, action: &[0.5], reward: 1.0, is_terminal, next: &next });
             if is_terminal {
-                at = buffer.start(&[buffer.written() as f32]);
+                at = buffer.start(&[buffer.written_count() as f32]);
             }
         }
         buffer
@@ -245,10 +245,10 @@ mod tests {
     fn rows_survive_a_log() {
         let buffer = filled(64, 500, 9);
         let mut bytes = Vec::new();
-        let kept = buffer.rows_kept(buffer.written());
-        buffer.write_rows(buffer.written() - kept, &mut bytes).expect("memory");
+        let kept = buffer.rows_kept(buffer.written_count());
+        buffer.write_rows(buffer.written_count() - kept, &mut bytes).expect("memory");
         let mut again = ReplayBuffer::new(64, [1, 1]);
-        again.restart(buffer.written(), kept);
+        again.restart(buffer.written_count(), kept);
         again.read_rows(kept, &mut &bytes[..]).expect("the bytes just written");
         let draws = |buffer: &ReplayBuffer| {
             let mut batch = TransitionBatch::new(100, 1, 1);
@@ -257,7 +257,7 @@ mod tests {
         };
         assert_eq!(draws(&buffer), draws(&again));
         bytes[4..8].copy_from_slice(&f32::NAN.to_le_bytes());
-        again.restart(buffer.written(), kept);
+        again.restart(buffer.written_count(), kept);
         let error = again.read_rows(kept, &mut &bytes[..]).expect_err("NaN");
         assert!(error.to_string().contains("not finite"), "{error}");
     }

@@ -212,19 +212,41 @@ pub fn check_exclusive(axes: &[(&str, bool)]) -> Result<(), String> {
     Ok(())
 }
 
-impl OperatingPoints {
-    /// Refuses points that exclude each other.
+/// Which options of operating points are given.
+#[derive(Clone, Copy, Debug)]
+pub struct GivenPoints {
+    /// Values of λ.
+    pub lambda: bool,
+    /// A weight μ.
+    pub mu: bool,
+    /// Values of aggression.
+    pub aggression: bool,
+    /// Weights of experts by name.
+    pub mix: bool,
+}
+
+impl GivenPoints {
+    /// Refuses options that exclude each other.
     ///
     /// *Errors*: more than one of λ, aggression and mix; aggression with μ, which it sets.
-    pub fn check(&self) -> Result<(), String> {
+    pub fn check(self) -> Result<(), String> {
         let Self { lambda, mu, aggression, mix } = self;
-        let axes =
-            [("lambda", lambda.is_some()), ("aggression", aggression.is_some()), ("mix", !mix.is_empty())];
-        check_exclusive(&axes)?;
-        if aggression.is_some() && mu.is_some() {
+        check_exclusive(&[("lambda", lambda), ("aggression", aggression), ("mix", mix)])?;
+        if aggression && mu {
             return Err("aggression sets mu; leave mu out, or give lambda and mu".to_owned());
         }
         Ok(())
+    }
+}
+
+impl OperatingPoints {
+    /// Refuses points that exclude each other.
+    ///
+    /// *Errors*: as [`GivenPoints::check`].
+    pub fn check(&self) -> Result<(), String> {
+        let Self { lambda, mu, aggression, mix } = self;
+        let [lambda, mu, aggression] = [lambda.is_some(), mu.is_some(), aggression.is_some()];
+        GivenPoints { lambda, mu, aggression, mix: !mix.is_empty() }.check()
     }
 
     /// The points at some values of λ.

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use advsage::driver_spec::DriverSpecs;
+use advsage::{driver_spec::DriverSpecs, operating_point::GivenPoints};
 use clap::Args;
 use sage_data::dataset::Shard;
 
 use super::{
-    FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
+    Cli, FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
     attacking::FeasibilityArgs,
     avoiding::AvoidableArgs,
     help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION, STUDY},
@@ -102,10 +102,10 @@ pub(crate) struct AxisArgs {
     #[arg(long, value_name = "M", allow_hyphen_values = true)]
     pub mu: Option<String>,
     /// Aggression, 0 to 1, in place of lambda; same form.
-    #[arg(long, value_name = "A", allow_hyphen_values = true, conflicts_with_all = ["lambda", "mu"])]
+    #[arg(long, value_name = "A", allow_hyphen_values = true)]
     pub aggression: Option<String>,
     /// Weights of the experts by name, in place of lambda: realistic=0.5,adversarial=0.3,lawful=0.2.
-    #[arg(long, value_name = "NAME=W,...", conflicts_with_all = ["lambda", "aggression"])]
+    #[arg(long, value_name = "NAME=W,...")]
     pub mix: Option<String>,
     /// Comma-separated latest starts that are aimed at, seconds before the contact.
     #[arg(long, help_heading = SELECTION, aliases = ["react", "targets"], value_name = "TIMES")]
@@ -130,6 +130,15 @@ pub(crate) struct AxisArgs {
 }
 
 impl AxisArgs {
+    /// Refuses operating points that exclude each other.
+    ///
+    /// *Errors*: wrong usage.
+    pub(crate) fn check(&self) -> Result<(), clap::Error> {
+        let [lambda, mu, aggression, mix] =
+            [&self.lambda, &self.mu, &self.aggression, &self.mix].map(Option::is_some);
+        GivenPoints { lambda, mu, aggression, mix }.check().map_err(|problem| Cli::conflict(&problem))
+    }
+
     /// The axes that are given, as assignments to a study.
     pub(crate) fn assignments(&self) -> Vec<String> {
         let axes = [

@@ -43,6 +43,7 @@ pub(super) fn study(name: &str, registries: &Registries) -> Result<Study> {
 /// The study with what the command line replaces.
 pub(super) fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study> {
     let name = args.study.as_deref().context("no study is named")?;
+    args.axes.check()?;
     let mut study = study(name, registries)?;
     for assignment in args.axes.assignments().iter().chain(&args.set) {
         study.set(assignment)?;

@@ -274,10 +274,9 @@ pub(crate) struct MergerArgs {
 
 /// Feasibility rule of a command that selects candidates.
 #[derive(Clone, Debug, Args)]
-#[command(next_help_heading = SELECTION)]
 pub(crate) struct FeasibilityArgs {
     /// Feasibility rule, by its name in `sage list`, instead of the rule of the selection; with options as
     /// NAME{"option": value}.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, help_heading = SELECTION, value_name = "NAME")]
     pub feasibility: Option<Part>,
 }

@@ -128,7 +128,7 @@ fn bad_use_ends_with_2_and_says_what_is_wrong() {
         (1, ["--lambda", "-0.5,0.5"]),
         (1, ["--mu", "-1"]),
         (1, ["--aggression", "-0.5"]),
-        (1, ["--options", "[1"]),
+        (2, ["--options", "[1"]),
         (1, ["--merger", "none"]),
     ] {
         let (code, said) = generate(&flags);

@@ -1,6 +1,6 @@
 //! The benchmark engine: a study is data, and everything else follows from its rows.
 //!
-//! - [`study`]: what a file says. [`plan`]: a study with all its parts, checked before a scene is read.
+//! - [`study`]: what a file says. [`prepared_study`]: a study with all its parts, checked before a scene is read.
 //! - [`measure`]: what is measured in a scene, one file per kind of measurement. [`runner`]: all scenes, in parallel, resuming.
 //! - [`rows`]: the results. [`estimate`]: means, shares and differences with intervals. [`curve`]: quantities of curves over λ.
 //! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`csv_text`]: CSV. [`published`]: numbers of

@@ -31,7 +31,7 @@ impl ActorPolicy {
         Self { observes, ..self }
     }
 
-    /// The same with actions that keep a share of the last one ([`super::PpoOptions::kept_share`]).
+    /// The same with actions that keep a share of the last one ([`super::PpoOptions::kept`]).
     pub fn keeping(self, kept: f64) -> Self {
         Self { kept: kept as f32, ..self }
     }

@@ -2,12 +2,14 @@
 use std::{env, fs, path::Path, sync::Arc};
 
 use advsage::{
-    Against, DriverInScene, Ego, GeneratorSpec, OperatingPoints, Picture, Prepared, Recording, Registries,
-    SearchOptions, SearchSpec, draw, drawn_path,
+    Against, DriverInScene, Ego, Error, GeneratorSpec, OperatingPoints, Picture, Prepared, Recording,
+    Registries, SearchOptions, SearchSpec, draw, drawn_path,
 };
 
 fn main() -> advsage::Result<()> {
-    let [file, svg] = [1, 2].map(|k| env::args().nth(k).expect("two arguments: a scene file and a drawing"));
+    let Ok([_, file, svg]) = <[String; 3]>::try_from(env::args().collect::<Vec<_>>()) else {
+        return Err(Error::Value("give two arguments: a scene file and a drawing".to_owned()));
+    };
     let registries = Registries::shipped()?;
     let scene = Arc::new(Recording::read(Path::new(&file))?.scene);
 

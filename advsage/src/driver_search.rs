@@ -7,9 +7,9 @@ use sage_core::{generator::OperatingPoint, motion::Trajectory};
 use sage_sim::{
     Error, SimScene,
     attack_test::AttackTest,
+    attacker::Attacker,
     drive::Drive,
     policy::EgoPolicy,
-    rl::Attacker,
     search::{Clause, MOST_PLANS, Pool, Requirement, SearchOptions, search},
     traffic::Plan,
 };

@@ -6,11 +6,11 @@ use sage_core::{files, registry::Entry};
 use sage_data::MAX_SCENE_FILE;
 use sage_sim::{
     SimScene,
+    actor::read_policy,
     attack_test::AttackTest,
     fault::FaultRule,
     policy::{EgoPolicy, Td3},
     reference::Reference,
-    rl::read_policy,
 };
 use serde_json::{Value, json};
 

@@ -13,10 +13,10 @@ use sage_merging::{ExpertSet, Merger, Range};
 use sage_sim::{
     SimScene,
     attack_test::{AttackPath, AttackTest},
+    attacker::{Attacker, plan_of_generator},
     drive::Drive,
     policy::Replay,
     queried::QueriedDriver,
-    rl::{Attacker, plan_of_generator},
     traffic::Plan,
 };
 use serde_json::{Map, Value};

@@ -7,12 +7,13 @@ use sage_core::{
     registry::Registry,
 };
 use sage_generators::{GeneratorKind, generators};
+use sage_learn::{SceneSampler, curricula::curricula, scene_sampler::scene_samplers};
 use sage_merging::{Merger, mergers};
 use sage_sim::{
     avoidable::LatestStart,
+    curriculum::Curriculum,
     environment::{DrivingReward, reward::driving_rewards},
     policy::{EgoPolicy, policies},
-    rl::{Curriculum, SceneSampler, curriculum::curricula, scene_sampler::scene_samplers},
 };
 
 use crate::LearnedCriticality;

@@ -4,8 +4,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use sage_core::generator::OperatingPoint;
 use sage_sim::{
-    Error, SimScene, attack_test::AttackTest, batch::Recent, drive::Drive, policy::EgoPolicy,
-    reference::Reference, rl::Attacker, search::SearchOptions, traffic::Plan,
+    Error, SimScene, attack_test::AttackTest, attacker::Attacker, batch::Recent, drive::Drive,
+    policy::EgoPolicy, reference::Reference, search::SearchOptions, traffic::Plan,
 };
 
 use crate::{Result, error::in_one_line, named_search::NamedSearch, prepared::DriverInScene};

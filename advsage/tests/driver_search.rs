@@ -15,8 +15,8 @@ use sage_merging::ExpertSet;
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
+    attacker::Attacker,
     policy::{EgoPolicy, policies},
-    rl::Attacker,
 };
 
 fn scenes() -> Vec<Arc<SimScene>> {

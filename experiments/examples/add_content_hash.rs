@@ -13,7 +13,7 @@ use std::{
 };
 
 use sage_backbones::{Error, Parameters};
-use sage_sim::rl::{read_policy, write_policy};
+use sage_sim::actor::{read_policy, write_policy};
 
 fn main() -> ExitCode {
     let files: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();

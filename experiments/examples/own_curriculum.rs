@@ -8,7 +8,7 @@
 use std::process::ExitCode;
 
 use sage_core::{registry::Entry, seed::Rng};
-use sage_sim::rl::{Curriculum, Progress};
+use sage_sim::curriculum::{Curriculum, Progress};
 use serde::{Deserialize, Serialize};
 
 /// Attacks half of the episodes once the success rate without attack is high enough. The type is also its own options.

@@ -11,8 +11,8 @@ use sage_core::{
 };
 use sage_sim::{
     avoidable::Avoidable,
+    evaluation::EpisodeRow,
     metrics::{MeasuredAttack, attack_metrics, avoidable_metrics, drive_metrics, episode_metrics},
-    rl::EpisodeRow,
     search::{
         MeasuredSearch, MeasuredThreshold, MeasuredTransfer, search_metrics, threshold_metrics,
         transfer_metrics,

@@ -42,7 +42,7 @@ pub struct Simulation {
 }
 
 /// A driver and what it may know.
-pub(crate) struct InformedDriver {
+pub struct InformedDriver {
     driver: Box<dyn Driver>,
     knowledge: Knowledge,
 }
@@ -51,12 +51,7 @@ impl InformedDriver {
     /// The driver of a track.
     ///
     /// *Errors*: as [`EgoPolicy::start`].
-    pub(crate) fn start(
-        policy: &dyn EgoPolicy,
-        scene: &SimScene,
-        track: usize,
-        seed: u64,
-    ) -> Result<Self, Error> {
+    pub fn start(policy: &dyn EgoPolicy, scene: &SimScene, track: usize, seed: u64) -> Result<Self, Error> {
         let knowledge = policy.knows();
         Ok(Self { driver: policy.start(&Start::new(scene, track, knowledge, seed))?, knowledge })
     }
@@ -64,11 +59,7 @@ impl InformedDriver {
     /// The control of the ego in a world.
     ///
     /// *Errors*: as [`Driver::control`].
-    pub(crate) fn control_ego(
-        &mut self,
-        world: &World,
-        observed: Option<Observed>,
-    ) -> Result<Control, Error> {
+    pub fn control_ego(&mut self, world: &World, observed: Option<Observed>) -> Result<Control, Error> {
         self.driver.control(&View::of_ego(world, self.knowledge, observed))
     }
 

@@ -31,15 +31,19 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod actor;
 pub mod attack_test;
+pub mod attacker;
 pub mod avoidable;
 pub mod batch;
 pub mod body;
 pub mod comfort;
+pub mod curriculum;
 pub mod drive;
 pub mod environment;
 pub mod episode;
 mod error;
+pub mod evaluation;
 pub mod fault;
 pub mod following;
 mod grid;
@@ -54,13 +58,13 @@ mod rays;
 mod reacting;
 pub mod red_lights;
 pub mod reference;
-pub mod rl;
 pub mod rollout;
 pub mod route;
 pub mod route_lights;
 mod scene;
 pub mod search;
 mod smoothing;
+pub mod success;
 pub mod traffic;
 pub mod unattacked;
 pub mod vehicle;

@@ -8,7 +8,7 @@ use sage_core::{
 };
 
 use crate::{
-    attack_test::AttackOutcome, avoidable::Avoidable, episode::EpisodeContact, rl::EpisodeRow,
+    attack_test::AttackOutcome, avoidable::Avoidable, episode::EpisodeContact, evaluation::EpisodeRow,
     unattacked::UnattackedDrive,
 };
 

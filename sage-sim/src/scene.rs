@@ -204,7 +204,7 @@ impl SimScene {
     }
 
     /// Error about this scene.
-    pub(crate) fn error(&self, problem: String) -> Error {
+    pub fn error(&self, problem: String) -> Error {
         Error::Scene { scene: self.scene.id.clone(), problem }
     }
 }

@@ -5,15 +5,11 @@ use std::{sync::Arc, time::Instant};
 use anyhow::{Result, anyhow};
 use sage_core::{scene::SceneIndex, seed::Rng};
 use sage_data::procedural::{Kind, generate};
-use sage_sim::{
-    SimScene,
-    observation::LENGTH,
-    rl::{
-        Algorithm, PpoOptions, ReplayBuffer, Setting, SingleRow, Td3Learner, Td3Options, Training,
-        TrainingOptions, TrainingState, Transition, TransitionBatch, curriculum::curricula,
-        scene_sampler::scene_samplers,
-    },
+use sage_learn::{
+    Algorithm, PpoOptions, ReplayBuffer, Setting, Td3Learner, Td3Options, Training, TrainingOptions,
+    TrainingState, Transition, TransitionBatch, curricula::curricula, scene_sampler::scene_samplers,
 };
+use sage_sim::{SimScene, actor::SingleRow, observation::LENGTH};
 
 use super::timing::{Timing, measure, timing};
 

@@ -202,10 +202,10 @@ pub(crate) enum LearnerName {
 }
 
 impl LearnerName {
-    pub(crate) fn algorithm(self) -> sage_sim::rl::Algorithm {
+    pub(crate) fn algorithm(self) -> sage_learn::Algorithm {
         match self {
-            Self::Td3 => sage_sim::rl::Algorithm::Td3,
-            Self::Ppo => sage_sim::rl::Algorithm::Ppo,
+            Self::Td3 => sage_learn::Algorithm::Td3,
+            Self::Ppo => sage_learn::Algorithm::Ppo,
         }
     }
 }

@@ -18,16 +18,14 @@ use std::{
 
 use anyhow::{Context as _, Result, bail};
 use sage_core::objective::ObjectiveSpec;
+use sage_learn::{Algorithm, BUFFER, CHECKPOINT, TrainingOptions};
 use sage_run::{
     Outcome,
     output::{self, Run, RunState},
     progress,
     scenes::outcome_without,
 };
-use sage_sim::{
-    policy::EgoPolicy,
-    rl::{Algorithm, BUFFER, CHECKPOINT, TrainingOptions},
-};
+use sage_sim::policy::EgoPolicy;
 use serde::Serialize;
 use serde_json::Value;
 

@@ -10,15 +10,14 @@ use sage_core::{
     scene::SceneData,
     seed::Rng,
 };
+use sage_learn::Td3Options;
 use sage_sim::{
     SimScene,
+    actor::{ActorPolicy, Network, Shape, read_policy},
     environment::EnvironmentOptions,
+    evaluation::{EpisodeRow, attack_episode, drive_scene, evaluation_rules},
     observation::LENGTH,
     policy::EgoPolicy,
-    rl::{
-        ActorPolicy, EpisodeRow, Network, Shape, Td3Options, attack_episode, drive_scene, evaluation_rules,
-        read_policy,
-    },
 };
 use serde_json::{Value, json};
 

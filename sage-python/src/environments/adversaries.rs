@@ -10,11 +10,13 @@ use advsage::{
 };
 use pyo3::{prelude::*, types::PyDict};
 use sage_core::{generator::OperatingPoint, motion::Trajectory, seed::Rng};
+use sage_learn::curricula::curricula;
 use sage_sim::{
     Error, SimScene,
+    attacker::Attacker,
     batch::Adversary,
+    curriculum::{Curriculum, Progress},
     drive::Drive,
-    rl::{Attacker, Curriculum, Progress, curriculum::curricula},
     search::{Requirement, SearchOptions},
     traffic::Plan,
 };

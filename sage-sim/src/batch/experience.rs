@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use super::Recent;
 use crate::{
-    rl::{Progress, SHORTEST_DRIVE, SuccessRates},
+    curriculum::{Progress, SuccessRates},
+    evaluation::SHORTEST_DRIVE,
     vehicle::Motion,
 };
 

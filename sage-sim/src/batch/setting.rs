@@ -6,12 +6,8 @@ use sage_core::generator::OperatingPoint;
 
 use super::{Experience, Recent};
 use crate::{
-    Error,
-    drive::Drive,
-    environment::EnvironmentOptions,
-    rl::{Attacker, Curriculum},
-    scene::SimScene,
-    traffic::Plan,
+    Error, attacker::Attacker, curriculum::Curriculum, drive::Drive, environment::EnvironmentOptions,
+    scene::SimScene, traffic::Plan,
 };
 
 /// Plans against recordings that are kept.
@@ -92,7 +88,7 @@ impl Adversary {
         let at = OperatingPoint::at(lambda, lambda);
         let drive = experience.drives.get(&number).filter(|_| self.against_drives);
         if let Some(motions) = drive {
-            let drive = Drive { motions: motions.to_vec(), ..Drive::default() };
+            let drive = Drive::of_motions(motions.to_vec());
             return self.attacker.plan(scene, Some(&drive), &at, seed);
         }
         if self.attacker.draws() {

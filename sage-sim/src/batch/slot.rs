@@ -9,7 +9,7 @@ use crate::{
     Error,
     environment::{BACKWARDS, Environment, Outcome},
     observation::LENGTH,
-    rl::success,
+    success::success,
     traffic::Plan,
     vehicle::{Action, Motion},
 };

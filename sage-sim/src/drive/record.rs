@@ -58,6 +58,11 @@ impl OffRoad {
 }
 
 impl Drive {
+    /// A drive of which only the motions are known.
+    pub fn of_motions(motions: Vec<Motion>) -> Self {
+        Self { motions, ..Self::default() }
+    }
+
     /// The car's box at the end of the step of a contact.
     pub(crate) fn area(&self, contact: &DriveContact) -> OrientedBox {
         let (motion, sizes) = (&self.motions[contact.step], &contact.areas[0]);

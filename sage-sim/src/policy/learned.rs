@@ -6,7 +6,7 @@ use sage_core::registry::Entry;
 use serde::{Deserialize, Serialize};
 
 use super::EgoPolicy;
-use crate::rl::{parse_policy, read_policy};
+use crate::actor::{parse_policy, read_policy};
 
 /// The policy `ppo`.
 pub struct Ppo;

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use sage_core::{generator::OperatingPoint, motion::Trajectory};
 use sage_sim::{
-    Error, SimScene, attack_test::AttackTest, drive::Drive, policy::EgoPolicy, rl::Attacker, traffic::Plan,
+    Error, SimScene, attack_test::AttackTest, attacker::Attacker, drive::Drive, policy::EgoPolicy,
+    traffic::Plan,
 };
 
 /// Drives the adversary towards where the ego was: depends on drive and intensity as a generator does.

@@ -11,7 +11,7 @@ use advsage::{
 use anyhow::{Result, bail};
 use sage_core::objective::ObjectiveSpec;
 use sage_run::networks;
-use sage_sim::rl::Attacker;
+use sage_sim::attacker::Attacker;
 use serde_json::{Value, json};
 
 use crate::cli::TrainEgoArgs;

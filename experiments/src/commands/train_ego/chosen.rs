@@ -4,10 +4,8 @@ use advsage::driver_spec::DriverSpec;
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_bench::study::in_one_line;
 use sage_core::{files, registry::Registry};
-use sage_sim::{
-    environment::DrivingReward,
-    rl::{Algorithm, PpoOptions, TrainingOptions},
-};
+use sage_learn::{Algorithm, PpoOptions, TrainingOptions};
+use sage_sim::environment::DrivingReward;
 use serde_json::{Map, Value, json};
 
 use super::attacks::NONE;

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use sage_core::metric::{Metric, Metrics};
-use sage_sim::{metrics::episode_metrics, rl::EpisodeRow};
+use sage_sim::{evaluation::EpisodeRow, metrics::episode_metrics};
 
 pub(super) const COMPLETION: &str = "completion";
 pub(super) const CONTACT: &str = "contact";

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Context as _, Result, anyhow};
-use sage_run::{output::Run, progress};
-use sage_sim::rl::{
-    Algorithm, CHECKPOINT, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions,
-    TrainingState, write_policy,
+use sage_learn::{
+    Algorithm, CHECKPOINT, Evaluation, KEPT_ACTORS, Setting, Training, TrainingOptions, TrainingState,
 };
+use sage_run::{output::Run, progress};
+use sage_sim::actor::{PolicyCard, write_policy};
 use serde_json::json;
 
 use super::{Shared, report, trained::Trained};
@@ -19,7 +19,7 @@ pub(super) fn folder(seed: u64) -> String {
 
 /// Trains one seed to its end.
 ///
-/// *Errors*: the run breaks off ([`sage_sim::rl::Stop`]), or a file cannot be written.
+/// *Errors*: the run breaks off ([`sage_learn::Stop`]), or a file cannot be written.
 pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock) -> Result<Trained> {
     let options = TrainingOptions { seed, ..shared.chosen.options.clone() };
     let scenes = &shared.scenes;

@@ -12,12 +12,13 @@ use std::{
 use anyhow::Result;
 use sage_bench::csv_text::csv;
 use sage_core::text::table::Table;
+use sage_learn::{Algorithm, Evaluation, TrainingOptions};
 use sage_run::{
     output::Run,
     progress,
     terminal::{escaped_markdown, escaped_markdown_code, escaped_name},
 };
-use sage_sim::rl::{Algorithm, EpisodeRow, Evaluation, PolicyCard, TrainingOptions};
+use sage_sim::{actor::PolicyCard, evaluation::EpisodeRow};
 use serde_json::{Map, Value, json};
 
 use super::{

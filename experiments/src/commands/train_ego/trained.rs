@@ -1,6 +1,6 @@
 //! What a finished seed leaves for reports.
 
-use sage_sim::rl::{Counters, Evaluation};
+use sage_learn::{Counters, Evaluation};
 
 /// A trained seed.
 pub(super) struct Trained {

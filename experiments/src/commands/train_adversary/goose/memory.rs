@@ -8,7 +8,7 @@ use sage_generators::goose::{
     DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Outcome, Trial, mirrored_action, mirrored_rest, mirrored_rows,
     outcome_in_hindsight,
 };
-use sage_sim::rl::TransitionBatch;
+use sage_learn::TransitionBatch;
 
 use super::options::TrainingOptions;
 

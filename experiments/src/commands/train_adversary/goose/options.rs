@@ -3,7 +3,7 @@
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::goose::GooseOptions;
 use sage_generators::goose::{HINDSIGHT, TRIALS};
-use sage_sim::rl::Td3Options;
+use sage_learn::Td3Options;
 use serde::{Deserialize, Serialize};
 
 use crate::cli::TrainGooseArgs;

@@ -11,11 +11,8 @@ use anyhow::{Context as _, Result, bail};
 use sage_backbones::goose::{ACTION, HIDDEN, STATE, training::EncoderTraining};
 use sage_core::{objective::Context, seed::Rng};
 use sage_generators::goose::{Trial, TrialScene};
-use sage_sim::{
-    attack_test::AttackTest,
-    queried::QueriedDriver,
-    rl::{SingleRow, Td3Learner, TransitionBatch},
-};
+use sage_learn::{Td3Learner, TransitionBatch};
+use sage_sim::{actor::SingleRow, attack_test::AttackTest, queried::QueriedDriver};
 use serde::{Deserialize, Serialize};
 
 use super::{

@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
-use sage_backbones::seal::{CriticalityNetwork, SEAL_FILE, SealWeights};
+use sage_baselines::{
+    learned_scores,
+    seal::networks::{CriticalityNetwork, SEAL_FILE, SealWeights},
+};
 use sage_core::{
     objective::{Reward, Situation},
     registry::Entry,
 };
-use sage_generators::learned_scores;
 use serde::{Deserialize, Serialize};
 
 use crate::{error::in_one_line, weights};

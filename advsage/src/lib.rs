@@ -55,6 +55,7 @@ pub mod ego;
 mod error;
 pub mod generators;
 pub mod latest_start;
+#[cfg(feature = "baselines")]
 mod learned_criticality;
 pub mod named_generator;
 pub mod named_search;
@@ -75,6 +76,7 @@ pub use driver_spec::DriverSpec;
 pub use ego::Ego;
 pub use error::{Error, Result, as_cause, is_contact_now};
 pub use generators::Against;
+#[cfg(feature = "baselines")]
 pub use learned_criticality::{LearnedCriticality, LearnedCriticalityOptions};
 pub use named_generator::{GeneratorSpec, NamedGenerator};
 pub use named_search::{NamedSearch, SearchSpec};

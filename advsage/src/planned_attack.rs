@@ -1,8 +1,7 @@
 //! An attack that was planned against a drive, and what the attacked drive says of it.
 
-use std::num::NonZeroUsize;
-
 use sage_core::{
+    generator::Extension,
     motion::NOW,
     objective::{Context, Reason, Scorer},
 };
@@ -29,8 +28,8 @@ pub struct PlannedAttack {
     contact: Option<usize>,
     /// The scene with that drive.
     ctx: Context,
-    /// Drives of the driver that the generator asked for.
-    queries: usize,
+    /// What the generator adds to the attack.
+    extension: Option<Extension>,
 }
 
 impl PlannedAttack {
@@ -38,12 +37,12 @@ impl PlannedAttack {
     pub fn of(ctx: &Context, path: AttackPath) -> Self {
         let scores = Scorer::new(ctx).scores(&ctx.candidate(path.trajectory.clone()));
         let (feasible, contact) = (scores.feasible, scores.collision_step);
-        Self { path, feasible, contact, ctx: ctx.clone(), queries: 0 }
+        Self { path, feasible, contact, ctx: ctx.clone(), extension: None }
     }
 
-    /// The same, found after so many drives of the driver.
-    pub fn after(self, queries: usize) -> Self {
-        Self { queries, ..self }
+    /// The same with what the generator adds to the attack.
+    pub fn extended(self, extension: Option<Extension>) -> Self {
+        Self { extension, ..self }
     }
 
     /// The row of the attack, with what the attacked drive says of it. `before` is the drive without the attack.
@@ -58,7 +57,7 @@ impl PlannedAttack {
             believable: None,
             unbelievable: Vec::new(),
             verdict,
-            queries: NonZeroUsize::new(self.queries),
+            extension: self.extension,
             avoidable: Avoidable::default(),
             unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
         };

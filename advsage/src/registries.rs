@@ -16,8 +16,6 @@ use sage_sim::{
     policy::{EgoPolicy, policies},
 };
 
-use crate::LearnedCriticality;
-
 /// Registries of the parts that are accepted by name.
 pub struct Registries {
     /// Rewards and penalties.
@@ -57,12 +55,16 @@ impl Registries {
     ///
     /// *Errors*: as [`Registries::shipped`].
     pub fn of_attacks() -> Result<Self, Error> {
+        let (rewards, generators) = (objective::rewards()?.with::<LatestStart>()?, generators()?);
+        #[cfg(feature = "baselines")]
+        let (rewards, generators) =
+            (rewards.with::<crate::LearnedCriticality>()?, sage_baselines::with_baselines(generators)?);
         Ok(Self {
-            rewards: objective::rewards()?.with::<LatestStart>()?.with::<LearnedCriticality>()?,
+            rewards,
             feasibilities: objective::feasibilities()?,
             backbones: backbones()?,
             mergers: mergers()?,
-            generators: generators()?,
+            generators,
             policies: policies()?,
             curricula: Registry::new("curriculum"),
             scene_samplers: Registry::new("scene sampler"),

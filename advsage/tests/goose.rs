@@ -1,15 +1,16 @@
 //! GOOSE against a driver and against a recording.
 
+#![cfg(feature = "baselines")]
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
 use std::{cell::Cell, path::Path, sync::Arc};
 
 use advsage::{Registries, generators::Generators, part::Part, selection::Selection};
-use sage_backbones::{
-    Parameters,
-    goose::{ACTION, GooseOptions, GooseWeights},
-    parameters::Header,
-    weights::Weights,
+use sage_backbones::{Parameters, parameters::Header, weights::Weights};
+use sage_baselines::goose::{
+    RepeatedEgo, Trial, TrialScene,
+    networks::{ACTION, GooseOptions, GooseWeights},
+    tried,
 };
 use sage_core::{
     Error,
@@ -20,10 +21,7 @@ use sage_core::{
     scene::SceneIndex,
 };
 use sage_data::procedural::{Kind, generate};
-use sage_generators::{
-    GeneratorInputs,
-    goose::{RepeatedEgo, Trial, TrialScene, tried},
-};
+use sage_generators::GeneratorInputs;
 use sage_merging::ExpertSet;
 use sage_sim::{
     SimScene,
@@ -142,13 +140,14 @@ fn a_driver_is_asked_as_often_as_the_attack_says() {
         let driver = QueriedDriver::new(&test);
         let counted = Counted(&driver, Cell::new(0));
         let attack = generator.attacks_on(&ctx, &counted, &point, 0).unwrap().remove(0);
-        assert_eq!((attack.queries, attack.candidates.len()), (counted.1.get(), counted.1.get()));
+        let queries = attack.extension.as_ref().unwrap().value.as_u64().unwrap() as usize;
+        assert_eq!((queries, attack.candidates.len()), (counted.1.get(), counted.1.get()));
         assert_eq!(attack.chosen, attack.candidates.len() - 1);
-        assert!((1..=6).contains(&attack.queries));
-        asked += attack.queries;
+        assert!((1..=6).contains(&queries));
+        asked += queries;
         // Once more gives the same bits, and a recording is not asked.
         assert_eq!(generator.attacks_on(&ctx, &driver, &point, 0).unwrap()[0], attack);
-        assert_eq!(generator.attacks(&ctx, &point, 0).unwrap()[0].queries, 0);
+        assert_eq!(generator.attacks(&ctx, &point, 0).unwrap()[0].extension, None);
         // The plan begins where the adversary is now.
         let first = attack.candidates[0].trajectory.points()[0];
         assert!(distance(ctx.adversary().point(NOW), first) < 5.0);

@@ -1,5 +1,6 @@
 //! Arguments of the command line.
 
+#[cfg(feature = "baselines")]
 mod adversaries;
 mod attacking;
 mod avoiding;
@@ -34,6 +35,7 @@ use self::{
     help::{OUTPUT, PICTURE, RUN, SCENE, SCORE},
 };
 
+#[cfg(feature = "baselines")]
 pub(crate) use adversaries::{TrainAdversaryCommand, TrainGooseArgs, TrainSealArgs, TrainingScenesArgs};
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, ExplainArgs, GenerateArgs};
 pub(crate) use avoiding::AvoidableArgs;
@@ -100,6 +102,7 @@ pub(crate) enum Command {
     Join(JoinArgs),
     TrainEgo(TrainEgoArgs),
     /// Train the learned parts of an adversary.
+    #[cfg(feature = "baselines")]
     #[command(
         subcommand,
         after_help = "Example:\n  sage train-adversary seal --procedural 200 --out procedural-seal/

@@ -27,5 +27,6 @@ pub(crate) mod status;
 pub(crate) mod suite;
 pub(crate) mod test;
 pub(crate) mod theory;
+#[cfg(feature = "baselines")]
 pub(crate) mod train_adversary;
 pub(crate) mod train_ego;

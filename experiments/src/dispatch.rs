@@ -3,9 +3,11 @@
 use anyhow::Result;
 use sage_run::{Outcome, output::Extent};
 
+#[cfg(feature = "baselines")]
+use crate::cli::TrainAdversaryCommand;
 use crate::{
     Registries,
-    cli::{AnalyseCommand, BenchCommand, Cli, Command, TrainAdversaryCommand},
+    cli::{AnalyseCommand, BenchCommand, Cli, Command},
     commands,
 };
 
@@ -44,9 +46,11 @@ impl Cli {
             Command::Status(args) => commands::status::run(&args),
             Command::Join(args) => commands::join::run(&args, registries),
             Command::TrainEgo(args) => commands::train_ego::run(&args, registries),
+            #[cfg(feature = "baselines")]
             Command::TrainAdversary(TrainAdversaryCommand::Seal(args)) => {
                 commands::train_adversary::seal::run(&args, &registries.parts)
             }
+            #[cfg(feature = "baselines")]
             Command::TrainAdversary(TrainAdversaryCommand::Goose(args)) => {
                 commands::train_adversary::goose::run(&args, &registries.parts)
             }

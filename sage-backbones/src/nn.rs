@@ -14,11 +14,9 @@ mod real;
 mod softmax;
 
 pub use adamw::{AdamW, AdamWConfig, Moments};
-pub use add_row::add_row;
-pub(crate) use add_row::column_sums;
+pub use add_row::{add_row, column_sums};
 pub use groups::{Group, Groups, max_of_others, max_of_rows};
 pub use layers::{Attention, Linear, Mlp, ResCat};
 pub use norm_relu::norm_relu;
-pub use real::Real;
-pub(crate) use real::{BlockSums, by_dtype, sigmoid, slice, slice_mut, tanh, wide, with_slice};
+pub use real::{BlockSums, Real, by_dtype, sigmoid, slice, slice_mut, tanh, wide, with_slice};
 pub use softmax::{log_softmax, softmax};

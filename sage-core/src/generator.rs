@@ -15,7 +15,7 @@ use std::fmt;
 use crate::{Error, objective::Context};
 
 pub use apart_now::ApartNow;
-pub use attack::{Attack, Note, Proposal};
+pub use attack::{Attack, Extension, Note, Proposal};
 pub use driver_under_test::{DrivenEgo, DriverUnderTest};
 pub use observation::Observation;
 pub use operating_point::{Mixture, OperatingPoint, corner};

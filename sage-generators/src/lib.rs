@@ -2,8 +2,7 @@
 //!
 //! Each is a [`sage_core::generator::Generator`], built by name from [`generators`] and
 //! [`GeneratorInputs`]. Most are a [`ProposeAndSelect`]: a proposer ([`proposers`]), whose input is the observation up
-//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`King`], [`AdvTrajOpt`], [`Rule`] and
-//! [`Log`] work as a whole.
+//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`Rule`] and [`Log`] work as a whole.
 //! An [`Aggression`] combines λ and μ into one dial.
 //!
 //! From a scene to an attack, with the embedded weights ([`Weights::at`] loads a folder):
@@ -41,7 +40,6 @@
 //!
 //! [`Weights::at`]: sage_backbones::weights::Weights::at
 
-mod adv_traj_opt;
 mod aggression;
 mod apply;
 mod dial;
@@ -49,19 +47,14 @@ mod drivable;
 mod error;
 mod generator_inputs;
 mod generator_kind;
-pub mod goose;
-mod king;
 mod log;
 mod mixtures;
-mod optimisers;
 mod propose_and_select;
 pub mod proposers;
 mod rule;
-mod seal;
 pub mod selector;
 mod speed_profile;
 
-pub use adv_traj_opt::AdvTrajOpt;
 pub use aggression::Aggression;
 pub use apply::attacked;
 pub use dial::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
@@ -69,14 +62,10 @@ pub use drivable::{drivable, is_drivable};
 pub use error::Error;
 pub use generator_inputs::GeneratorInputs;
 pub use generator_kind::{Facts, GeneratorKind};
-pub use goose::Goose;
-pub use king::King;
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
-pub use optimisers::StartFrom;
 pub use propose_and_select::ProposeAndSelect;
 pub use rule::{Rule, bezier};
-pub use seal::{Seal, SealScore, learned_scores, relative_paths, seal_reaction};
 
 use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, ProposalOptions, RandomGoals};
 use sage_core::registry::Registry;
@@ -98,23 +87,6 @@ pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
         .with::<RandomGoals>()?
         .with::<AllGoals>()?
         .with::<CatGoals>()?
-        .with::<SealScore>()?
-        .with::<Seal>()?
-        .with::<Goose>()?
-        .with::<King>()?
-        .with_preset::<King>(
-            "king-published",
-            "gradient ascent on the controls of a bicycle, blind to the map",
-            "Hanselmann et al. (2022), as the SAGE paper configures it",
-            &King::published(),
-        )?
-        .with::<AdvTrajOpt>()?
-        .with_preset::<AdvTrajOpt>(
-            "adv-traj-opt-published",
-            "projected gradient ascent on positions, by the plain gradient",
-            "Zhang et al. (2022), with the steps of the SAGE paper; start and bounds are not published",
-            &AdvTrajOpt::published(),
-        )?
         .with::<Rule>()?
         .with::<Log>()
 }

@@ -11,8 +11,7 @@ use sage_core::{
 };
 
 pub use best::{Best, best_of};
-pub use cat::{CatSelection, CatSelector, cat_plan, cat_select};
-pub(crate) use cat::{STRIDE, boxes, edges_cross};
+pub use cat::{CatSelection, CatSelector, STRIDE, boxes, cat_plan, cat_select, edges_cross};
 pub use first::First;
 
 /// The selected proposal.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use pyo3::{prelude::*, types::PyList};
 use sage_core::{
-    generator::{Attack, Note, Proposal},
+    generator::{Attack, Extension, Note, Proposal},
     geometry::Point,
     motion::Trajectory,
     objective::{Context, ContextOptions, Scorer, Scores},
@@ -136,8 +136,13 @@ impl PyAttack {
 
     /// Drives of the driver under test that the generator asked for; 0 for those that ask for none.
     #[getter]
-    fn queries(&self) -> usize {
-        self.attack.queries
+    fn queries(&self) -> u64 {
+        self.attack
+            .extension
+            .as_ref()
+            .filter(|one| one.name == "queries")
+            .and_then(|one| one.value.as_u64())
+            .unwrap_or(0)
     }
 
     /// Seed of the attack.
@@ -252,8 +257,7 @@ struct State {
     candidates: Vec<CandidateState>,
     chosen: usize,
     note: Option<Note>,
-    #[serde(default)]
-    queries: usize,
+    extension: Option<(String, Value)>,
 }
 
 /// Trajectory, log-probability, goal and negative log-likelihood of a candidate.
@@ -264,7 +268,8 @@ impl State {
     fn of(attack: &Attack) -> Self {
         let state = |one: &Proposal| CandidateState(one.trajectory.clone(), one.log_prob, one.goal, one.nll);
         let candidates = attack.candidates.iter().map(state).collect();
-        Self { candidates, chosen: attack.chosen, note: attack.note.clone(), queries: attack.queries }
+        let extension = attack.extension.clone().map(|Extension { name, value }| (name, value));
+        Self { candidates, chosen: attack.chosen, note: attack.note.clone(), extension }
     }
 }
 
@@ -278,7 +283,8 @@ pub(crate) fn of_state(scene: &SceneData, state: &str) -> Result<Attack> {
     let candidates = candidates
         .map(|CandidateState(trajectory, log_prob, goal, nll)| Proposal { trajectory, log_prob, goal, nll })
         .collect();
-    let attack = Attack { queries: state.queries, ..Attack::of(candidates, state.chosen, state.note) };
+    let extension = state.extension.map(|(name, value)| Extension { name, value });
+    let attack = Attack { extension, ..Attack::of(candidates, state.chosen, state.note) };
     attack.check(&scene.scene)?;
     Ok(attack)
 }

@@ -6,6 +6,7 @@ use advsage::prepared::DriverInScene;
 use anyhow::Result;
 use pyo3::prelude::*;
 use sage_core::{
+    generator::Extension,
     motion::{NOW, Trajectory, check_path},
     objective::{Context, Scorer},
     scene::SceneData,
@@ -74,8 +75,8 @@ pub(crate) struct Attacked {
     pub(crate) before: Drive,
     pub(crate) plan: Trajectory,
     pub(crate) verdict: Verdict,
-    /// Drives of the driver that the generator asked for.
-    pub(crate) queries: usize,
+    /// What the generator adds to the attack.
+    pub(crate) extension: Option<Extension>,
 }
 
 impl Driven {
@@ -90,11 +91,11 @@ impl Driven {
         }
         let drives = |scene: &_| AttackTest::new(&*driver.policy, scene, seed);
         let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
-        let mut queries = 0;
+        let mut extension = None;
         let path = match attacker {
             Attacker::Generator(built) => {
                 let attack = built.attack_on_driver(&ctx, &test, seed)?;
-                queries = attack.queries;
+                extension.clone_from(&attack.extension);
                 test.path_of(&attack)?
             }
             Attacker::Plan(plan, made_for) => {
@@ -107,7 +108,7 @@ impl Driven {
         let is_feasible = Scorer::new(&ctx).scores(&ctx.candidate(plan.clone())).feasible;
         let outcome = test.attack_along(path, is_feasible)?;
         let (episode, verdict) = (outcome.episode, outcome.verdict);
-        let attacked = Some(Attacked { ctx, before: test.unattacked().clone(), plan, verdict, queries });
+        let attacked = Some(Attacked { ctx, before: test.unattacked().clone(), plan, verdict, extension });
         Ok(Self { episode, attacked })
     }
 }

@@ -76,7 +76,7 @@ impl PyEpisode {
             before: &attacked.before,
             trajectory: &attacked.plan,
             verdict: attacked.verdict,
-            queries: attacked.queries,
+            extension: attacked.extension.as_ref(),
         });
         DriveResult {
             scene: &data.scene,

@@ -15,6 +15,7 @@ use advsage::{
 };
 use anyhow::Result;
 use sage_core::{
+    generator::Extension,
     motion::Trajectory,
     objective::{Context, ContextOptions},
     scene::{Scene, SceneData},
@@ -66,15 +67,15 @@ pub(crate) struct AttackOfDrive<'a> {
     pub(crate) trajectory: &'a Trajectory,
     /// Whether the driver falls for it.
     pub(crate) verdict: Verdict,
-    /// Drives of the driver that the generator asked for.
-    pub(crate) queries: usize,
+    /// What the generator adds to the attack.
+    pub(crate) extension: Option<&'a Extension>,
 }
 
 impl DriveResult<'_> {
     fn drive_row(&self) -> Result<DriveRow> {
         let attack = self.attack.map(|attack| -> Result<_> {
             let path = AttackPath::of(attack.trajectory.clone());
-            let planned = PlannedAttack::of(attack.ctx, path).after(attack.queries);
+            let planned = PlannedAttack::of(attack.ctx, path).extended(attack.extension.cloned());
             Ok(planned.row(attack.verdict, self.episode, attack.before)?)
         });
         let head = RowHead {

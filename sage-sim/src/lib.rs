@@ -58,7 +58,6 @@ mod rays;
 mod reacting;
 pub mod red_lights;
 pub mod reference;
-pub mod rollout;
 pub mod route;
 pub mod route_lights;
 mod scene;

@@ -1,10 +1,10 @@
 //! The row of one attack, as its JSON file holds it.
 
-use std::{fmt, num::NonZeroUsize, path::Path};
+use std::{fmt, path::Path};
 
 use sage_core::{
     files,
-    generator::Note,
+    generator::{Extension, Note},
     motion::Trajectory,
     objective::{Reason, Scores, Violation},
     selection_outcome::{CandidateCounts, SelectionOutcome},
@@ -56,9 +56,9 @@ pub struct AttackRow<C = IgnoredAny> {
     pub counts: CandidateCounts,
     /// What the generator says of it.
     pub note: Option<String>,
-    /// Drives of the driver that the generator asked for.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub queries: Option<NonZeroUsize>,
+    /// What the generator adds, as a field of its own. Readers do not need it.
+    #[serde(flatten, skip_deserializing)]
+    pub extension: Option<Extension>,
     /// Scores of the selected candidate.
     pub scores: ChosenScores,
     /// The last field, so that the others can be read without it. Empty if the run wrote none.

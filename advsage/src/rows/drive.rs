@@ -1,9 +1,10 @@
 //! The row of one drive: its JSON file and its printed line.
 
-use std::{num::NonZeroUsize, path::Path};
+use std::path::Path;
 
 use sage_core::{
     files,
+    generator::Extension,
     motion::Trajectory,
     objective::{Reason, verdict},
     scene::{Scene, SceneIndex, recording_off_road},
@@ -97,9 +98,9 @@ pub struct DriveAttack {
     pub unbelievable: Vec<Reason>,
     /// Whether the driver falls for it.
     pub verdict: Verdict,
-    /// Drives of the driver that the generator asked for.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub queries: Option<NonZeroUsize>,
+    /// What the generator adds, as a field of its own. Readers do not need it.
+    #[serde(flatten, skip_deserializing)]
+    pub extension: Option<Extension>,
     /// Step of the first contact without the attack.
     pub unattacked_contact: Option<i64>,
     /// Whether the attacked drive has an evasive manoeuvre.

@@ -42,7 +42,8 @@ fn add<T: Real>(x: &mut [T], row: &[T], d: usize) {
     }
 }
 
-pub(crate) fn column_sums<T: Real>(rows: &[T], d: usize) -> Vec<T> {
+/// Sums of the columns of rows of width `d`.
+pub fn column_sums<T: Real>(rows: &[T], d: usize) -> Vec<T> {
     let mut sums = BlockSums::new(d);
     for row in rows.chunks_exact(d) {
         for (sum, x) in sums.next().iter_mut().zip(row) {

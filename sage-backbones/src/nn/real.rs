@@ -78,13 +78,13 @@ impl Real for f64 {
 
 /// Logistic function `1/(1 + e^−x)`.
 #[inline(always)]
-pub(crate) fn sigmoid<T: Real>(x: T) -> T {
+pub fn sigmoid<T: Real>(x: T) -> T {
     T::one() / (T::one() + (T::zero() - x).exponential())
 }
 
 /// Hyperbolic tangent by [`sigmoid`], which the compiler can turn into vector code.
 #[inline(always)]
-pub(crate) fn tanh<T: Real>(x: T) -> T {
+pub fn tanh<T: Real>(x: T) -> T {
     let two = T::one() + T::one();
     two * sigmoid(two * x) - T::one()
 }
@@ -111,14 +111,14 @@ pub(super) fn sum<T: Real>(items: &[T]) -> T {
 ///
 /// All functions that the loop calls must be inlined into it.
 #[inline(always)]
-pub(crate) fn wide<R>(run: impl FnOnce() -> R) -> R {
+pub fn wide<R>(run: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(run)
 }
 
 /// Sums over the rows of a matrix, column by column, in blocks. The sum within a block has the matrix's own
 /// precision, the sum over blocks double precision. If the true sum is zero, Adam would make steps of full
 /// size from the rounding errors of a plain sum.
-pub(crate) struct BlockSums<T> {
+pub struct BlockSums<T> {
     block: Vec<T>,
     total: Vec<f64>,
     rows: usize,
@@ -127,13 +127,14 @@ pub(crate) struct BlockSums<T> {
 impl<T: Real> BlockSums<T> {
     const BLOCK: usize = 32;
 
-    pub(crate) fn new(columns: usize) -> Self {
+    /// Sums of no rows yet.
+    pub fn new(columns: usize) -> Self {
         Self { block: vec![T::zero(); columns], total: vec![0.0; columns], rows: 0 }
     }
 
     /// The sums to which the next row is added.
     #[inline(always)]
-    pub(crate) fn next(&mut self) -> &mut [T] {
+    pub fn next(&mut self) -> &mut [T] {
         if self.rows == Self::BLOCK {
             self.close();
         }
@@ -149,14 +150,15 @@ impl<T: Real> BlockSums<T> {
         self.rows = 0;
     }
 
-    pub(crate) fn finish(mut self) -> Vec<T> {
+    /// The sums.
+    pub fn finish(mut self) -> Vec<T> {
         self.close();
         self.total.into_iter().map(T::from_f64).collect()
     }
 }
 
 /// The numbers of a contiguous argument of a custom operation.
-pub(crate) fn slice<'a, T: Real>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [T]> {
+pub fn slice<'a, T: Real>(storage: &'a CpuStorage, layout: &Layout) -> Result<&'a [T]> {
     let all = storage.as_slice::<T>()?;
     let (start, end) = layout
         .contiguous_offsets()
@@ -165,7 +167,7 @@ pub(crate) fn slice<'a, T: Real>(storage: &'a CpuStorage, layout: &Layout) -> Re
 }
 
 /// The numbers of a contiguous argument of a custom operation, to be written.
-pub(crate) fn slice_mut<'a, T: Real>(storage: &'a mut CpuStorage, layout: &Layout) -> Result<&'a mut [T]> {
+pub fn slice_mut<'a, T: Real>(storage: &'a mut CpuStorage, layout: &Layout) -> Result<&'a mut [T]> {
     let (start, end) = layout
         .contiguous_offsets()
         .ok_or(candle_core::Error::RequiresContiguous { op: "a layer of sage-backbones" })?;
@@ -176,7 +178,7 @@ pub(crate) fn slice_mut<'a, T: Real>(storage: &'a mut CpuStorage, layout: &Layou
 }
 
 /// Calls `f` with the numbers of a contiguous tensor on the CPU.
-pub(crate) fn with_slice<T: Real, R>(tensor: &Tensor, f: impl FnOnce(&[T]) -> R) -> Result<R> {
+pub fn with_slice<T: Real, R>(tensor: &Tensor, f: impl FnOnce(&[T]) -> R) -> Result<R> {
     let (storage, layout) = tensor.storage_and_layout();
     match &*storage {
         Storage::Cpu(cpu) => Ok(f(slice(cpu, layout)?)),
@@ -185,22 +187,23 @@ pub(crate) fn with_slice<T: Real, R>(tensor: &Tensor, f: impl FnOnce(&[T]) -> R)
 }
 
 /// Runs the same code for the number type of a tensor.
+#[macro_export]
 macro_rules! by_dtype {
     ($dtype:expr, $T:ident => $body:expr) => {
         match $dtype {
-            candle_core::DType::F32 => {
+            $crate::candle::DType::F32 => {
                 type $T = f32;
                 $body
             }
-            candle_core::DType::F64 => {
+            $crate::candle::DType::F64 => {
                 type $T = f64;
                 $body
             }
-            other => candle_core::bail!("layers work in f32 and f64, not in {other:?}"),
+            other => $crate::candle::bail!("layers work in f32 and f64, not in {other:?}"),
         }
     };
 }
-pub(crate) use by_dtype;
+pub use by_dtype;
 
 #[cfg(test)]
 mod tests {

@@ -163,7 +163,7 @@ impl CheckpointFile<'_> {
     /// Writes the state after an epoch.
     ///
     /// *Errors*: [`Error::Io`].
-    pub(crate) fn write<Row: Clone + Serialize + DeserializeOwned>(
+    pub fn write<Row: Clone + Serialize + DeserializeOwned>(
         &self,
         rows: &[Row],
         weights: &Parameters,
@@ -176,7 +176,7 @@ impl CheckpointFile<'_> {
     /// Rows, weights and the optimiser's state, if the file exists.
     ///
     /// *Errors*: [`Error::Format`] for a file that is damaged or of another run, with the remedy; [`Error::Io`].
-    pub(crate) fn read<Row: Serialize + DeserializeOwned>(
+    pub fn read<Row: Serialize + DeserializeOwned>(
         &self,
         config: AdamWConfig,
     ) -> Result<Option<(Vec<Row>, Parameters, AdamW)>, Error> {
@@ -196,7 +196,7 @@ impl CheckpointFile<'_> {
     }
 
     /// The error of a file from which no run can resume.
-    pub(crate) fn unfit(&self, problem: &str) -> Error {
+    pub fn unfit(&self, problem: &str) -> Error {
         let problem = format!("{problem}; remove it to start again");
         Error::Format { path: self.file.to_owned(), problem }
     }

@@ -57,7 +57,7 @@ impl<'d> MeasuredScene<'d> {
             nll: self.likelihood.as_ref().and_then(|prior| prior.nll(trajectory)),
             log: self.log,
             note: attack.note.clone(),
-            queries: attack.queries,
+            extension: attack.extension.clone(),
             seconds,
             ctx: self.ctx.clone(),
             release_ctx: self.release.clone(),

@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::Value;
 
 use super::Reaction;
 use crate::{
@@ -70,8 +71,25 @@ pub struct Attack {
     pub note: Option<Note>,
     /// What drives the adversary in place of the selected trajectory from a frame on; `None` if it follows it to the end.
     pub reaction: Option<Reaction>,
-    /// Number of drives of the ego that were asked for to find it: 0 unless the generator queries the driver.
-    pub queries: usize,
+    /// What the generator adds, if anything.
+    pub extension: Option<Extension>,
+}
+
+/// A value that a generator adds to its attacks, under a name of its own, which is a field of the attack's row. What it means, the
+/// generator alone knows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extension {
+    /// Its name.
+    pub name: String,
+    /// The value.
+    pub value: Value,
+}
+
+impl Serialize for Extension {
+    /// As the field of a row.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map([(&self.name, &self.value)])
+    }
 }
 
 impl Attack {
@@ -82,7 +100,7 @@ impl Attack {
 
     /// An attack that follows the selected candidate to the end.
     pub fn of(candidates: Vec<Proposal>, chosen: usize, note: Option<Note>) -> Self {
-        Self { candidates, chosen, note, reaction: None, queries: 0 }
+        Self { candidates, chosen, note, reaction: None, extension: None }
     }
 
     /// The attack of an adversary that reacted, as it was driven against somebody: the path that it drove is a further

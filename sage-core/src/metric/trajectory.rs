@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use super::{Metric, Metrics};
 use crate::{
     Error,
-    generator::Note,
+    generator::{Extension, Note},
     motion::{HORIZON, NOW},
     objective::{
         Candidate, CollisionType, Context, LoggedProfile, Naturalness, Scorer, Scores, Situation,
@@ -38,8 +38,8 @@ pub struct MeasuredTrajectory {
     pub log: LogMeasures,
     /// Note of the generator on its selection.
     pub note: Option<Note>,
-    /// Number of drives of the driver that the generator asked for; 0 if it asks for none.
-    pub queries: usize,
+    /// What the generator adds to the attack.
+    pub extension: Option<Extension>,
     /// Seconds per operating point: the time of all operating points of the generator, divided equally.
     pub seconds: f64,
     /// Measures on demand.
@@ -192,10 +192,6 @@ pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
             Metric::mean("collision step", |t: &T| t.paper.collision_step.map(|step| step as f64))
                 .unit("steps")
                 .about("first step with contact"),
-            Metric::mean("queries", |t: &T| (t.queries > 0).then_some(t.queries as f64))
-                .unit("drives")
-                .about("drives of the driver under test that the generator asked for")
-                .less_is_better(),
             Metric::median("generation", |t: &T| Some(1e3 * t.seconds))
                 .unit("ms")
                 .about("time of one operating point; it differs from run to run")

@@ -48,12 +48,15 @@ impl Entry<dyn GeneratorKind> for CatGoals {
 }
 
 impl CatGoals {
-    pub(crate) fn check(&self) -> Result<(), String> {
+    /// Whether the options are possible.
+    ///
+    /// *Errors*: a message for the user.
+    pub fn check(&self) -> Result<(), String> {
         check_candidates(Some(self.candidates))
     }
 
     /// The proposer of a prior.
-    pub(crate) fn proposer(&self, prior: Arc<dyn Backbone>) -> Box<dyn Proposer> {
+    pub fn proposer(&self, prior: Arc<dyn Backbone>) -> Box<dyn Proposer> {
         Box::new(OfPrior { prior, candidates: self.candidates })
     }
 }

@@ -20,7 +20,7 @@ use crate::Facts;
 /// First rank, from 0, of those that count as equally likely.
 const FLATTENED: usize = 6;
 /// Frames between two comparisons.
-pub(crate) const STRIDE: usize = 5;
+pub const STRIDE: usize = 5;
 /// Largest number of compared frames.
 const COMPARED: usize = 16;
 /// Discount per compared frame of delay.
@@ -126,7 +126,7 @@ fn flattened(log_probs: &[f64]) -> Vec<f64> {
 }
 
 /// Boxes at the compared frames, with headings by the published rule over the whole trajectory.
-pub(crate) fn boxes(points: &[Point], [length, width]: [f64; 2]) -> Vec<OrientedBox> {
+pub fn boxes(points: &[Point], [length, width]: [f64; 2]) -> Vec<OrientedBox> {
     let headings = sage_core::motion::kinematics::release::headings(points);
     let frames = (0..points.len()).step_by(STRIDE).take(COMPARED);
     frames.map(|f| OrientedBox::new(points[f], headings[f], length, width)).collect()
@@ -146,7 +146,7 @@ fn meet(adversary: &[OrientedBox], ego: &[OrientedBox]) -> (Option<usize>, i64) 
 }
 
 /// Whether an edge of one box properly crosses an edge of the other; touching does not count.
-pub(crate) fn edges_cross(a: &OrientedBox, b: &OrientedBox) -> bool {
+pub fn edges_cross(a: &OrientedBox, b: &OrientedBox) -> bool {
     let [a, b] = [a.corners(), b.corners()];
     let edge = |corners: &[Point; 4], k: usize| [corners[k], corners[(k + 1) % 4]];
     (0..4).any(|i| (0..4).any(|j| properly_cross(edge(&a, i), edge(&b, j))))

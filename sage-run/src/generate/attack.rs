@@ -1,6 +1,6 @@
 //! Reads a scene, attacks it at all operating points, and fills and writes the rows and files.
 
-use std::{num::NonZeroUsize, path::Path, sync::Arc, time::Instant};
+use std::{path::Path, sync::Arc, time::Instant};
 
 use advsage::{
     attacked_files::{self, AttackSummary, AttackedFiles},
@@ -210,7 +210,7 @@ impl<'w> SceneWriter<'w> {
             outcome: *outcome,
             counts: counts.clone(),
             note: attack.note.as_ref().map(Note::to_string),
-            queries: NonZeroUsize::new(attack.queries),
+            extension: attack.extension.clone(),
             scores: ChosenScores {
                 scores: scores.clone(),
                 avoidable: avoidable.clone(),

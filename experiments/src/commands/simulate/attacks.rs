@@ -87,7 +87,7 @@ impl<'a> SceneAttacks<'a> {
                     let label = if uses_point { point.long_label() } else { generator.method.to_string() };
                     let path = test.path_of(&attack)?;
                     let planned = PlannedAttack::of(&ctx, path);
-                    let attack = planned.after(attack.queries);
+                    let attack = planned.extended(attack.extension);
                     let swept = point.swept().filter(|_| uses_point);
                     let generated = generator.generated_by(point);
                     Ok(PlannedDrive { generated, label, swept, attack: Some(attack) })

@@ -18,11 +18,8 @@ use advsage::{
 use anyhow::{Result, ensure};
 use candle_core::{Device, Tensor};
 use rayon::prelude::*;
-use sage_backbones::{
-    Parameters,
-    goose::{GOOSE_FILE, GooseWeights},
-    parameters::Header,
-};
+use sage_backbones::{Parameters, parameters::Header};
+use sage_baselines::goose::networks::{GOOSE_FILE, GooseWeights};
 use sage_core::{objective::Context, scene::SceneData};
 use sage_run::{
     Outcome,

@@ -21,14 +21,14 @@ use rayon::prelude::*;
 use sage_backbones::{
     Parameters,
     parameters::{Header, Scope},
-    seal::{
-        OBSERVATION, SEAL_FILE, SealOptions, SealWeights, SkillEncoder, SkillWindows, WINDOW,
-        training::{
-            CriticalityData, CriticalityOptions, PriorOptions, PriorRow, PriorWindows, SkillOptions, Trained,
-            train_criticality, train_prior, train_skills,
-        },
-    },
     training::CheckpointFile,
+};
+use sage_baselines::seal::networks::{
+    OBSERVATION, SEAL_FILE, SealOptions, SealWeights, SkillEncoder, SkillWindows, WINDOW,
+    training::{
+        CriticalityData, CriticalityOptions, PriorOptions, PriorRow, PriorWindows, SkillOptions, Trained,
+        train_criticality, train_prior, train_skills,
+    },
 };
 use sage_core::scene::SceneData;
 use sage_run::{

@@ -2,10 +2,13 @@
 
 use anyhow::Result;
 use rayon::prelude::*;
-use sage_backbones::goose::{ACTION, GooseWeights};
+use sage_baselines::goose::{
+    TRIALS, Trial, TrialScene, action,
+    networks::{ACTION, GooseWeights},
+    tried,
+};
 use sage_bench::estimate;
 use sage_core::{scene::SceneData, seed::Rng, statistics::Estimate};
-use sage_generators::goose::{TRIALS, Trial, TrialScene, action, tried};
 use sage_run::{outcome::caught, scenes::Scenes};
 use sage_sim::{
     SimScene,

@@ -2,12 +2,12 @@
 
 use std::{borrow::Cow, collections::VecDeque, sync::Arc};
 
-use sage_backbones::goose::{ACTION, Features, HIDDEN, REST, STATE};
-use sage_core::seed::Rng;
-use sage_generators::goose::{
+use sage_baselines::goose::{
     DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Outcome, Trial, mirrored_action, mirrored_rest, mirrored_rows,
+    networks::{ACTION, Features, HIDDEN, REST, STATE},
     outcome_in_hindsight,
 };
+use sage_core::seed::Rng;
 use sage_learn::TransitionBatch;
 
 use super::options::TrainingOptions;

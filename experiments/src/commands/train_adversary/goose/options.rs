@@ -1,8 +1,7 @@
 //! Options of GOOSE's training.
 
 use anyhow::{Context as _, Result, ensure};
-use sage_backbones::goose::GooseOptions;
-use sage_generators::goose::{HINDSIGHT, TRIALS};
+use sage_baselines::goose::{HINDSIGHT, TRIALS, networks::GooseOptions};
 use sage_learn::Td3Options;
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,8 @@ use std::{collections::BTreeMap, path::Path};
 
 use anyhow::{Context as _, Result, ensure};
 use candle_core::{Device, Tensor};
-use sage_backbones::{Parameters, goose::ACTION, parameters::Header};
+use sage_backbones::{Parameters, parameters::Header};
+use sage_baselines::goose::networks::ACTION;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

@@ -8,9 +8,11 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail};
-use sage_backbones::goose::{ACTION, HIDDEN, STATE, training::EncoderTraining};
+use sage_baselines::goose::{
+    Trial, TrialScene,
+    networks::{ACTION, HIDDEN, STATE, training::EncoderTraining},
+};
 use sage_core::{objective::Context, seed::Rng};
-use sage_generators::goose::{Trial, TrialScene};
 use sage_learn::{Td3Learner, TransitionBatch};
 use sage_sim::{actor::SingleRow, attack_test::AttackTest, queried::QueriedDriver};
 use serde::{Deserialize, Serialize};

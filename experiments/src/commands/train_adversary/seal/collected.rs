@@ -4,7 +4,13 @@ use std::sync::Arc;
 
 use advsage::generators::{Against, BuiltGenerator};
 use anyhow::{Context as _, Result};
-use sage_backbones::seal::{SkillWindows, relative_path, training::CriticalityExample};
+use sage_baselines::{
+    relative_paths,
+    rollout::{
+        Rollout, RolloutEnd, Targets, WINDOW, roll_out, rollout_driver, rules, seats, targets, windows,
+    },
+    seal::networks::{SkillWindows, relative_path, training::CriticalityExample},
+};
 use sage_core::{
     generator::{Attack, Proposal},
     geometry::distance,
@@ -12,19 +18,11 @@ use sage_core::{
     objective::{Context, ContextOptions},
     scene::SceneData,
 };
-use sage_generators::relative_paths;
-use sage_sim::{
-    SimScene,
-    attack_test::AttackTest,
-    policy::EgoPolicy,
-    rollout::{
-        Rollout, RolloutEnd, Targets, WINDOW, roll_out, rollout_driver, rules, seats, targets, windows,
-    },
-    traffic::Plan,
-};
+use sage_sim::{SimScene, attack_test::AttackTest, policy::EgoPolicy, traffic::Plan};
 use serde::Serialize;
 
-const _: () = assert!(WINDOW == sage_backbones::seal::WINDOW, "drives are cut as networks read them");
+const _: () =
+    assert!(WINDOW == sage_baselines::seal::networks::WINDOW, "drives are cut as networks read them");
 
 /// Other vehicles of an attacked roll-out from which the score learns too: those that come nearest to the ego.
 const OTHERS: usize = 4;

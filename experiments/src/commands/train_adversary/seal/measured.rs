@@ -5,7 +5,12 @@ use std::sync::Arc;
 use advsage::generators::BuiltGenerator;
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
-use sage_backbones::seal::{SKILL, SealWeights, SkillEncoder, SkillWindows, WINDOW};
+use sage_baselines::{
+    learned_scores,
+    rollout::{Rollout, RolloutEnd, rules},
+    seal::networks::{SKILL, SealWeights, SkillEncoder, SkillWindows, WINDOW},
+    seal_reaction,
+};
 use sage_bench::estimate;
 use sage_core::{
     geometry::{Point, distance},
@@ -14,15 +19,10 @@ use sage_core::{
     scene::SceneData,
     statistics::{Estimate, median, rank_correlation},
 };
-use sage_generators::{learned_scores, seal_reaction, selector::cat_select};
+use sage_generators::selector::cat_select;
 use sage_run::{outcome::caught, scenes::Scenes};
 use sage_sim::{
-    environment::Environment,
-    observation::LENGTH,
-    policy::Replay,
-    rollout::{Rollout, RolloutEnd, rules},
-    traffic::Plan,
-    vehicle::Action,
+    environment::Environment, observation::LENGTH, policy::Replay, traffic::Plan, vehicle::Action,
 };
 use serde::Serialize;
 

@@ -400,24 +400,25 @@ impl Cli {
 
     /// True if the command evaluates networks or computes with their weights.
     pub(crate) fn needs_networks(&self) -> bool {
-        matches!(
-            self.command,
+        match self.command {
+            #[cfg(feature = "baselines")]
+            Command::TrainAdversary(_) => true,
             Command::Demo(_)
-                | Command::Pretrain(_)
-                | Command::Finetune(_)
-                | Command::Merge(_)
-                | Command::Calibrate(_)
-                | Command::Predict(_)
-                | Command::Generate(_)
-                | Command::Simulate(_)
-                | Command::Search(_)
-                | Command::Test(_)
-                | Command::Join(_)
-                | Command::TrainEgo(_)
-                | Command::TrainAdversary(_)
-                | Command::Analyse(_)
-                | Command::Bench(_)
-                | Command::Theory(TheoryArgs { data: Some(_), .. })
-        )
+            | Command::Pretrain(_)
+            | Command::Finetune(_)
+            | Command::Merge(_)
+            | Command::Calibrate(_)
+            | Command::Predict(_)
+            | Command::Generate(_)
+            | Command::Simulate(_)
+            | Command::Search(_)
+            | Command::Test(_)
+            | Command::Join(_)
+            | Command::TrainEgo(_)
+            | Command::Analyse(_)
+            | Command::Bench(_)
+            | Command::Theory(TheoryArgs { data: Some(_), .. }) => true,
+            _ => false,
+        }
     }
 }

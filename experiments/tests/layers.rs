@@ -6,108 +6,78 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The crates of the workspace that each crate may depend on.
-const MAY_USE: [(&str, &[&str]); 14] = [
+/// The crates of the workspace from the lowest layer to the highest, each with the lower ones that it may not depend on.
+const LAYERS: [(&str, &[&str]); 16] = [
     ("sage-core", &[]),
-    ("weights", &[]),
-    ("sage-data", &["sage-core"]),
-    ("sage-backbones", &["sage-core"]),
-    ("sage-merging", &["sage-core", "sage-backbones"]),
-    ("sage-generators", &["sage-core", "sage-backbones", "sage-merging"]),
-    ("sage-sim", &["sage-core", "sage-weights"]),
-    ("theory_checks", &["sage-core"]),
+    ("weights", &["sage-core"]),
+    ("sage-data", &["sage-weights"]),
+    ("sage-backbones", &["sage-weights", "sage-data"]),
+    ("sage-merging", &["sage-weights", "sage-data"]),
+    ("sage-generators", &["sage-weights", "sage-data"]),
+    ("sage-sim", &["sage-data", "sage-backbones", "sage-merging", "sage-generators"]),
+    ("sage-baselines", &["sage-weights", "sage-data"]),
     (
-        "advsage",
+        "sage-learn",
+        &["sage-weights", "sage-data", "sage-backbones", "sage-merging", "sage-generators", "sage-baselines"],
+    ),
+    (
+        "sage-view",
         &[
-            "sage-core",
-            "sage-data",
-            "sage-backbones",
-            "sage-merging",
-            "sage-generators",
-            "sage-sim",
-            "sage-view",
             "sage-weights",
+            "sage-data",
+            "sage-backbones",
+            "sage-merging",
+            "sage-generators",
+            "sage-baselines",
+            "sage-learn",
         ],
     ),
-    ("sage-view", &["sage-core", "sage-sim"]),
     (
-        "sage-run",
+        "theory_checks",
         &[
-            "sage-core",
+            "sage-weights",
             "sage-data",
             "sage-backbones",
             "sage-merging",
             "sage-generators",
             "sage-sim",
-            "advsage",
+            "sage-baselines",
+            "sage-learn",
             "sage-view",
         ],
     ),
-    (
-        "sage-bench",
-        &[
-            "sage-core",
-            "sage-data",
-            "sage-backbones",
-            "sage-merging",
-            "sage-generators",
-            "sage-sim",
-            "theory_checks",
-            "advsage",
-        ],
-    ),
-    (
-        "experiments",
-        &[
-            "sage-core",
-            "sage-data",
-            "sage-backbones",
-            "sage-merging",
-            "sage-generators",
-            "sage-sim",
-            "theory_checks",
-            "advsage",
-            "sage-view",
-            "sage-run",
-            "sage-bench",
-        ],
-    ),
-    (
-        "sage-python",
-        &[
-            "sage-core",
-            "sage-data",
-            "sage-backbones",
-            "sage-merging",
-            "sage-generators",
-            "sage-sim",
-            "advsage",
-            "sage-view",
-            "sage-run",
-            "sage-bench",
-        ],
-    ),
+    ("advsage", &["theory_checks"]),
+    ("sage-run", &["sage-weights", "sage-baselines", "sage-learn", "theory_checks"]),
+    ("sage-bench", &["sage-weights", "sage-view", "sage-run"]),
+    ("experiments", &["sage-weights"]),
+    ("sage-python", &["sage-weights", "sage-baselines", "theory_checks", "sage-bench", "experiments"]),
 ];
 
 fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
+fn manifest(name: &str) -> String {
+    fs::read_to_string(workspace().join(name).join("Cargo.toml")).unwrap()
+}
+
 #[test]
 fn each_crate_depends_on_lower_layers_alone() {
-    for (name, allowed) in MAY_USE {
-        let manifest = fs::read_to_string(workspace().join(name).join("Cargo.toml")).unwrap();
-        let sections = manifest.split("\n[");
-        let dependencies = sections.into_iter().find_map(|section| section.strip_prefix("dependencies]"));
-        let own = |line: &str| {
-            let name = line.split(['.', '=', ' ']).next().unwrap_or_default().to_owned();
-            let is_own = ["theory_checks", "experiments", "advsage"].contains(&&*name);
-            (is_own || name.starts_with("sage-")).then_some(name)
-        };
-        for dependency in dependencies.unwrap_or_default().lines().filter_map(own) {
-            assert!(allowed.contains(&&*dependency), "{name} depends on {dependency}");
+    let package = |folder: &'static str| if folder == "weights" { "sage-weights" } else { folder };
+    for (at, (name, refused)) in LAYERS.iter().enumerate() {
+        let manifest = manifest(name);
+        let dependencies = manifest.split("\n[").find_map(|section| section.strip_prefix("dependencies]"));
+        for line in dependencies.unwrap_or_default().lines() {
+            let found = line.split(['.', '=', ' ']).next().unwrap_or_default();
+            let Some(layer) = LAYERS.iter().position(|(folder, _)| package(folder) == found) else {
+                continue;
+            };
+            assert!(layer < at && !refused.contains(&found), "{name} depends on {found}");
         }
     }
+    let members = manifest("");
+    let members = members.lines().find_map(|line| line.strip_prefix("members = ")).unwrap();
+    assert_eq!(members.matches('"').count() / 2, LAYERS.len(), "each crate has a layer");
 }
 
 /// A module of a crate: the names on its path.
@@ -303,7 +273,7 @@ fn circle(from: &Module, graph: &BTreeMap<Module, BTreeSet<Module>>) -> Option<V
 
 #[test]
 fn no_file_uses_another_in_a_circle() {
-    for (name, _) in MAY_USE {
+    for (name, _) in LAYERS {
         let graph = Crate::new(modules(&workspace().join(name).join("src"))).graph();
         for module in graph.keys() {
             let found = circle(module, &graph).map(|circle| {
@@ -348,8 +318,8 @@ fn circles_are_found() {
 
 #[test]
 fn arguments_are_of_the_command_alone() {
-    for (name, _) in MAY_USE.iter().filter(|(name, _)| *name != "experiments") {
-        let manifest = fs::read_to_string(workspace().join(name).join("Cargo.toml")).unwrap();
+    for (name, _) in LAYERS.iter().filter(|(name, _)| *name != "experiments") {
+        let manifest = manifest(name);
         // `advsage` derives the options of generators for the command, which alone turns that on.
         let is_wrong = |line: &str| match name {
             &"advsage" => {

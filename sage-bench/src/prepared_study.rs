@@ -139,7 +139,7 @@ impl PreparedStudy {
             "`measure` names `transfer` beside other subjects; it needs a study of its own"
         );
         let has_programs = egos.iter().any(|ego| ego.is_program);
-        let notes = egos.iter().filter_map(|ego| ego.note.clone()).chain(unused(&study)).collect();
+        let notes = unused(&study);
         let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
         let is_episodic = study.measures(Subject::Episode);
         let groups = if is_attacked || is_episodic || searches || transfers || study.measures(Subject::Policy)

@@ -252,7 +252,6 @@ struct State {
     candidates: Vec<CandidateState>,
     chosen: usize,
     note: Option<Note>,
-    #[serde(default)]
     queries: usize,
 }
 

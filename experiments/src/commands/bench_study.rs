@@ -6,7 +6,7 @@ mod measured;
 
 use std::{path::Path, sync::Arc};
 
-use advsage::selection::Selection;
+use advsage::{selection::Selection, weights::NamedNetwork};
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_backbones::Backbone;
 use sage_bench::{
@@ -325,7 +325,7 @@ struct Weights<'r>(&'r Registries);
 
 impl ExpertSource for Weights<'_> {
     fn network(&self, name: &str) -> Result<Arc<dyn Backbone>> {
-        Ok(networks::load(&self.0.parts.backbones, name)?.network.into())
+        Ok(NamedNetwork::load(&self.0.parts.backbones, name)?.network.into())
     }
 
     fn experts(&self, name: &str) -> Result<ExpertSet> {

@@ -5,11 +5,7 @@ use std::{path::Path, sync::Arc};
 use sage_core::files;
 use sage_data::MAX_SCENE_FILE;
 use sage_sim::{
-    SimScene,
-    attack_test::AttackTest,
-    fault::FaultRule,
-    policy::EgoPolicy,
-    reference::Reference,
+    SimScene, attack_test::AttackTest, fault::FaultRule, policy::EgoPolicy, reference::Reference,
 };
 use serde_json::{Value, json};
 

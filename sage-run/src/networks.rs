@@ -1,12 +1,11 @@
 //! Loads networks, weights and generators by the names that commands accept, and says which they are.
 
 use advsage::{
-    Registries, dial,
+    Registries, Result, dial,
     named_generator::{GeneratorSpec, NamedGenerator},
     selection::Selection,
     weights::{NamedExperts, NamedNetwork},
 };
-use anyhow::Result;
 use sage_backbones::Backbone;
 use sage_core::registry::Registry;
 use sage_generators::Aggression;

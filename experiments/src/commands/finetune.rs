@@ -148,7 +148,8 @@ impl<'a> Job<'a> {
         let objectives: Vec<&Objective> = options.experts.iter().map(|expert| &expert.objective).collect();
         let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities);
         let measures = measures.context("the experts of one run")?;
-        let loaded = with_edges(NamedNetwork::load(&registries.backbones, &args.prior)?, &options, registries)?;
+        let loaded =
+            with_edges(NamedNetwork::load(&registries.backbones, &args.prior)?, &options, registries)?;
         networks::announce(&loaded);
         let training = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?;
         let validation = args.dev.as_ref().map(|dev| Scenes::under(std::slice::from_ref(dev))).transpose()?;

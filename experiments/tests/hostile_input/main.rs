@@ -65,7 +65,8 @@ fn change_header(file: &Path, change: impl FnOnce(&mut Map<String, Value>)) {
     change(&mut fields);
     let json = Value::Object(fields).to_string();
     let data = &bytes[8 + length..];
-    let hash = content_hash(&json, tensors.iter().map(|(name, tensor)| (name.as_str(), hashed(tensor, data))));
+    let hash =
+        content_hash(&json, tensors.iter().map(|(name, tensor)| (name.as_str(), hashed(tensor, data))));
     *text = with_hash(&json, &hash).into();
     let mut header = header.to_string();
     header.extend(std::iter::repeat_n(' ', header.len().next_multiple_of(8) - header.len()));

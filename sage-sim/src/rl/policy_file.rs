@@ -50,15 +50,7 @@ impl PolicyCard {
         let observation = observation::names(kind);
         let observation_hash = hash(&observation);
         let format = FORMAT.to_owned();
-        Self {
-            format,
-            observation,
-            observation_hash,
-            kept: 0.0,
-            training,
-            evaluation,
-            license,
-        }
+        Self { format, observation, observation_hash, kept: 0.0, training, evaluation, license }
     }
 }
 

@@ -340,9 +340,8 @@ mod tests {
         assert_eq!((&study.method[..], study.ego.len()), (&["rule".to_owned()][..], 1));
         study.set("seed=7").unwrap();
         assert_eq!(study.seed, 7);
-        let error = |text: &str| {
-            in_one_line(&Study::shipped("open-loop").unwrap().unwrap().set(text).unwrap_err())
-        };
+        let error =
+            |text: &str| in_one_line(&Study::shipped("open-loop").unwrap().unwrap().set(text).unwrap_err());
         let wrong = ["lamda=1", "lambda=0:1:0", "lambda"];
         let said = wrong.map(|text| format!("{text} -> {}", error(text)));
         insta::assert_snapshot!("wrong_axes", said.join("\n"));

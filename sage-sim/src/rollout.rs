@@ -145,8 +145,8 @@ impl Rollout {
 /// The driver of roll-outs: the car-following policy that is published with MetaDrive.
 ///
 /// *Errors*: none.
-pub fn rollout_driver() -> Result<Box<dyn EgoPolicy>, String> {
-    IdmRelease::build(sage_core::registry::NoOptions {})
+pub fn rollout_driver() -> Result<Box<dyn EgoPolicy>, Error> {
+    IdmRelease::build(sage_core::registry::NoOptions {}).map_err(Error::Value)
 }
 
 /// Length of a window of a skill, steps.

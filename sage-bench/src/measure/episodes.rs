@@ -135,7 +135,7 @@ fn of_run(name: &str, folder: &Path) -> Result<Vec<Candidate>> {
             policies.filter_map(|file| Some((number(&file, "policy-", ".safetensors")?, file))).collect();
         policies.sort();
         for (step, file) in policies {
-            let (network, card) = read_policy(&file).map_err(|problem| Error::Value(problem))?;
+            let (network, card) = read_policy(&file)?;
             let bytes = files::read(&file, MAX_POLICY)?;
             all.push(Candidate {
                 arm: name.to_owned(),

@@ -11,7 +11,7 @@ use super::{
     Algorithm, EpisodeRow, Learner, Network, Ppo, SceneRecord, SuccessRates, Td3, TrainingOptions,
     running_episode::{Attack, EpisodeRecord},
 };
-use crate::{traffic::Plan, vehicle::Motion};
+use crate::{Error, traffic::Plan, vehicle::Motion};
 
 /// One evaluation of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,7 +88,7 @@ impl TrainingState {
     /// The state before the first step.
     ///
     /// *Errors*: as [`TrainingOptions::check`].
-    pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, String> {
+    pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, Error> {
         Ok(Self {
             learner: learner(options)?,
             episodes: Vec::new(),
@@ -132,7 +132,7 @@ impl TrainingState {
 /// The learner before the first step.
 ///
 /// *Errors*: as [`TrainingOptions::check`].
-fn learner(options: &TrainingOptions) -> Result<Box<dyn Learner>, String> {
+fn learner(options: &TrainingOptions) -> Result<Box<dyn Learner>, Error> {
     options.check()?;
     Ok(match options.algorithm {
         Algorithm::Td3 => Box::new(Td3::new(options)?),

@@ -109,7 +109,7 @@ impl Chosen {
             seed: 0,
             ..configured(args, algorithm, &recipe.ppo)?
         };
-        options.check().map_err(|problem| anyhow!(problem))?;
+        options.check()?;
         let teacher = teacher(args, recipe.teacher.filter(|_| algorithm == Algorithm::Ppo))?;
         if teacher.is_none() && options.ppo.taught != PpoOptions::default().taught {
             bail!("`taught` is the share of the training with a teacher, and there is none; give --teacher");

@@ -23,6 +23,7 @@ use super::{
     },
     PpoOptions,
 };
+use crate::Error;
 
 /// Weight of a squared difference from a teacher's action.
 const IMITATION: f64 = 5.0;
@@ -107,12 +108,12 @@ impl<T: Real> ActorCritic<T> {
     /// Networks with orthogonal initial weights for an observation and an action size.
     ///
     /// *Errors*: as [`PpoOptions::check`]; a size of 0.
-    pub fn new(options: PpoOptions, [observation, action]: [usize; 2], seed: u64) -> Result<Self, String> {
+    pub fn new(options: PpoOptions, [observation, action]: [usize; 2], seed: u64) -> Result<Self, Error> {
         options.check()?;
         if observation == 0 || action == 0 {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "{observation} observations and {action} actions; expected at least one of each"
-            ));
+            )));
         }
         let network = |purpose, outputs, last| {
             let shape = Shape { inputs: observation, hidden: options.hidden, outputs };

@@ -2,15 +2,10 @@
 
 use std::{path::Path, sync::Arc};
 
-use sage_core::{files, registry::Entry};
+use sage_core::files;
 use sage_data::MAX_SCENE_FILE;
 use sage_sim::{
-    SimScene,
-    actor::read_policy,
-    attack_test::AttackTest,
-    fault::FaultRule,
-    policy::{EgoPolicy, Td3},
-    reference::Reference,
+    SimScene, attack_test::AttackTest, fault::FaultRule, policy::EgoPolicy, reference::Reference,
 };
 use serde_json::{Value, json};
 
@@ -28,8 +23,6 @@ pub struct Ego {
     pub policy: Box<dyn EgoPolicy>,
     /// Whether it is a program, which keeps a log.
     pub is_program: bool,
-    /// What the user should know about its file.
-    pub note: Option<String>,
     /// The drivers that say whether its contacts are preventable.
     pub references: Vec<Reference>,
     /// The rule that says whether it is at fault.
@@ -53,14 +46,6 @@ impl Ego {
         let hint = || format!("to run a program as the driver, write --ego 'cmd:{}'", part.name);
         let policy = part.build(&registries.policies);
         let policy = if is_command { policy.map_err(|error| error.within(hint()))? } else { policy? };
-        let mut note = None;
-        if let Some(file) = named.file().filter(|_| part.name == Td3::NAME)
-            && read_policy(file.as_ref()).is_ok_and(|(_, card)| !card.is_hashed)
-        {
-            note = Some(format!(
-                "policy `{file}` holds no hash of its content, so damage would not be noticed; policies of this version hold one"
-            ));
-        }
         let mut earlier = named.clone();
         earlier.options.retain(|key, value| key != "red_lights" || *value != json!(false));
         let references = references::references(&references::default_names(), &part.name, registries)?;
@@ -71,7 +56,6 @@ impl Ego {
             stream,
             policy,
             is_program: named.is_program(),
-            note,
             references,
             fault: FaultRule::default(),
         })

@@ -94,7 +94,7 @@ pub fn is_contact_now(cause: &(dyn StdError + 'static)) -> bool {
 }
 
 /// An error with its causes, in one line.
-pub(crate) fn in_one_line(error: &dyn StdError) -> String {
+pub fn in_one_line(error: &dyn StdError) -> String {
     let mut line = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {

@@ -1,5 +1,4 @@
-//! Networks and weights by the names that users give. Nothing is printed: what a user should know about some weights comes
-//! back as notes.
+//! Networks and weights by the names that users give.
 
 use std::path::{Path, PathBuf};
 
@@ -37,8 +36,6 @@ pub struct NamedNetwork {
     pub network: Box<dyn Backbone>,
     /// Header of its file.
     pub header: Header,
-    /// What the user should know about its file.
-    pub note: Option<String>,
 }
 
 impl NamedNetwork {
@@ -66,10 +63,9 @@ impl NamedNetwork {
             (network, header)
         } else {
             let (network, header) = find(name)?.prior(registry)?;
-            let note = note_without_hash(name, &header, &[]);
-            return Ok(Self { name: name.to_owned(), network, header, note });
+            return Ok(Self { name: name.to_owned(), network, header });
         };
-        Ok(Self { name: name.to_owned(), network, header, note: None })
+        Ok(Self { name: name.to_owned(), network, header })
     }
 
     /// Which weights these are, in one line.
@@ -86,8 +82,6 @@ pub struct NamedExperts {
     pub experts: ExpertSet,
     /// Header of the prior's file.
     pub header: Header,
-    /// What the user should know about the files.
-    pub note: Option<String>,
 }
 
 impl NamedExperts {
@@ -98,8 +92,7 @@ impl NamedExperts {
         let found = ExpertSet::load(&find(name)?, registry)
             .map_err(|error| Error::from(error).within(format!("weights `{name}`")));
         let (experts, header) = found?;
-        let note = note_without_hash(name, &header, experts.files_without_hash());
-        Ok(Self { name: name.to_owned(), experts, header, note })
+        Ok(Self { name: name.to_owned(), experts, header })
     }
 
     /// The prior of some weights without its experts.
@@ -109,9 +102,8 @@ impl NamedExperts {
         let source = find(name)?;
         let (prior, header) =
             source.prior(registry).map_err(|error| Error::from(error).within(format!("weights `{name}`")))?;
-        let note = note_without_hash(name, &header, &[]);
         let experts = ExpertSet::of_prior(prior.into()).from_source(source);
-        Ok(Self { name: name.to_owned(), experts, header, note })
+        Ok(Self { name: name.to_owned(), experts, header })
     }
 
     /// What a generator needs of the weights that a user names, or of [`DEFAULT`]; its experts only if λ mixes them.
@@ -183,18 +175,6 @@ fn recorded(name: &str) -> Result<Option<PathBuf>> {
 pub fn folder_of(name: &str) -> Option<PathBuf> {
     let file = if [WAYMO, WAYMO_PAPER, WAYMO_LITERAL].contains(&name) { recorded(name).ok()? } else { None };
     file.and_then(|file| Some(file.parent()?.to_owned()))
-}
-
-/// What to say if files hold no hash of their content. Nothing is said of shipped weights.
-fn note_without_hash(name: &str, prior: &Header, experts: &[PathBuf]) -> Option<String> {
-    if SHIPPED.contains(&name) || prior.is_hashed && experts.is_empty() {
-        return None;
-    }
-    let which = experts.first().filter(|_| prior.is_hashed);
-    let which = which.map_or_else(|| "the prior".to_owned(), |path| format!("`{}`", path.display()));
-    Some(format!(
-        "weights `{name}`: {which} holds no hash of its content, so damage would not be noticed; files of this version hold one"
-    ))
 }
 
 fn described(name: &str, network: &str, header: &Header) -> String {

@@ -46,7 +46,7 @@ pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use planner::PlannerArgs;
 pub(crate) use reading::{ReadingArgs, SplitArgs};
 pub(crate) use searching::SearchArgs;
-pub(crate) use sharding::{JobsArgs, JoinArgs, Scheduler, StatusArgs};
+pub(crate) use sharding::{JoinArgs, StatusArgs};
 pub(crate) use studies::{ReportArgs, StudyArgs};
 pub(crate) use testing::{FailureReportArgs, Keep, SuiteArgs, TestArgs};
 pub(crate) use theory::TheoryArgs;
@@ -97,7 +97,6 @@ pub(crate) enum Command {
     Report(FailureReportArgs),
     Suite(SuiteArgs),
     Test(TestArgs),
-    Jobs(JobsArgs),
     Status(StatusArgs),
     Join(JoinArgs),
     TrainEgo(TrainEgoArgs),

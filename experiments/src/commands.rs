@@ -12,7 +12,6 @@ pub(crate) mod explain;
 pub(crate) mod finetune;
 pub(crate) mod generate;
 pub(crate) mod inspect;
-pub(crate) mod jobs;
 pub(crate) mod join;
 pub(crate) mod list;
 pub(crate) mod merge;

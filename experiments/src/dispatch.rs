@@ -42,7 +42,6 @@ impl Cli {
             Command::Report(args) => commands::report::run(&args),
             Command::Suite(args) => commands::suite::run(&args, &registries.parts),
             Command::Test(args) => commands::test::run(&args, &registries.parts),
-            Command::Jobs(args) => commands::jobs::run(&args),
             Command::Status(args) => commands::status::run(&args),
             Command::Join(args) => commands::join::run(&args, registries),
             Command::TrainEgo(args) => commands::train_ego::run(&args, registries),

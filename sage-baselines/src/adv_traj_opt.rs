@@ -13,13 +13,13 @@ use sage_core::{
     objective::{Context, PoseGradient},
     registry::Entry,
 };
+use sage_generators::{Facts, GeneratorInputs, GeneratorKind};
 use serde::{Deserialize, Serialize};
 
 use crate::optimisers::{
     Optimised, Optimiser, Optimum, Start, StartFrom, Weights, bicycle::Bicycle, bounds, check_steps,
     evaluate, facts, fit, generator_of, smoothing::Smoothing,
 };
-use sage_generators::{Facts, GeneratorInputs, GeneratorKind};
 
 /// Scales of the displacement that are tried, as multiples of the last one.
 const SCALES: usize = 50;

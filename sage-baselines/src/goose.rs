@@ -22,12 +22,12 @@ use sage_core::{
 use sage_generators::{Facts, GeneratorInputs, GeneratorKind};
 use serde::{Deserialize, Serialize};
 
-use crate::goose::networks::{ACTION, GOOSE_FILE, GooseWeights};
-
 pub use curve::{CONTROL_POINTS, Curve};
 pub use goal::{DESIRED, Goal, HINDSIGHT, HINDSIGHT_GOALS, Outcome, attack_outcome, outcome_in_hindsight};
 pub use mirror::{mirrored_action, mirrored_rest, mirrored_rows};
 pub use trial::{RepeatedEgo, Trial, TrialScene};
+
+use crate::goose::networks::{ACTION, GOOSE_FILE, GooseWeights};
 
 /// Trials of a scene: the recording's curve, and five changes.
 pub const TRIALS: usize = 6;

@@ -11,13 +11,13 @@ use sage_core::{
     objective::{Context, PoseGradient},
     registry::Entry,
 };
+use sage_generators::{Facts, GeneratorInputs, GeneratorKind};
 use serde::{Deserialize, Serialize};
 
 use crate::optimisers::{
     Optimised, Optimiser, Optimum, Start, StartFrom, Weights, adam::Adam, bicycle::Bicycle, check_steps,
     evaluate, facts, fit, generator_of,
 };
-use sage_generators::{Facts, GeneratorInputs, GeneratorKind};
 
 /// Rate of a further search by that of the one before.
 const RETRY: f64 = 0.2;

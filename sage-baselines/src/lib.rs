@@ -12,14 +12,14 @@ mod optimisers;
 pub mod rollout;
 pub mod seal;
 
+use sage_core::{Error, registry::Registry};
+use sage_generators::GeneratorKind;
+
 pub use adv_traj_opt::AdvTrajOpt;
 pub use goose::Goose;
 pub use king::King;
 pub use optimisers::StartFrom;
 pub use seal::{Seal, SealScore, learned_scores, relative_paths, seal_reaction};
-
-use sage_core::{Error, registry::Registry};
-use sage_generators::GeneratorKind;
 
 /// Adds the generators of this crate.
 ///

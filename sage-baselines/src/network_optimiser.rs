@@ -1,7 +1,6 @@
 //! A network's parameters in training, with Adam (Kingma and Ba, 2015).
 
 use candle_core::{Device, Tensor};
-
 use sage_backbones::{
     Error, Parameters,
     nn::{AdamW, AdamWConfig},

@@ -15,7 +15,6 @@ use sage_core::{
     motion::{Pose, Trajectory},
     objective::{Clearance, Context, PoseGradient, SmoothAdversarial, SmoothObjective, SmoothRealism},
 };
-
 use sage_generators::{Facts, GeneratorInputs, generators};
 
 pub(crate) use start::Start;

@@ -11,9 +11,6 @@ use sage_core::{
     registry::Entry as _,
     scene::{Scene, SceneIndex},
 };
-
-pub use criticality::{DISTANCE_SCALE, Targets, targets};
-
 use sage_sim::{
     Error, SimScene,
     body::BodyKind,
@@ -24,6 +21,8 @@ use sage_sim::{
     vehicle::Action,
     world::{Control, WorldOptions},
 };
+
+pub use criticality::{DISTANCE_SCALE, Targets, targets};
 
 /// Why a roll-out ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -144,8 +143,8 @@ impl Rollout {
 /// The driver of roll-outs: the car-following policy that is published with MetaDrive.
 ///
 /// *Errors*: none.
-pub fn rollout_driver() -> Result<Box<dyn EgoPolicy>, String> {
-    IdmRelease::build(sage_core::registry::NoOptions {})
+pub fn rollout_driver() -> Result<Box<dyn EgoPolicy>, Error> {
+    IdmRelease::build(sage_core::registry::NoOptions {}).map_err(Error::Value)
 }
 
 /// Length of a window of a skill, steps.

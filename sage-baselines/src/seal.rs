@@ -21,13 +21,13 @@ use sage_core::{
 use sage_generators::{Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect, proposers::CatGoals};
 use serde::{Deserialize, Serialize};
 
+pub use path::relative_paths;
+pub use selector::learned_scores;
+
 use crate::seal::networks::{SEAL_FILE, SealWeights};
 use driver::Skills;
 use hand_over::planned_hit;
 use selector::CriticalitySelector;
-
-pub use path::relative_paths;
-pub use selector::learned_scores;
 
 /// Options that both generators have.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

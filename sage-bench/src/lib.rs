@@ -5,9 +5,10 @@
 //! - [`rows`]: the results. [`estimate`]: means, shares and differences with intervals. [`curve`]: quantities of curves over λ.
 //! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`csv_text`]: CSV. [`published`]: numbers of
 //!   the paper.
-//! - What users name becomes a part in [`advsage`].
+//! - What users name becomes a part in [`advsage`]; errors are those of that crate.
 
 pub mod chart;
+mod context;
 pub mod csv_text;
 pub mod curve;
 pub mod estimate;
@@ -20,4 +21,5 @@ pub mod rows;
 pub mod runner;
 pub mod study;
 
+pub use advsage::{Error, Result, in_one_line};
 pub use registries::{MetricRegistries, Registries};

@@ -10,10 +10,9 @@ mod scene;
 mod searches;
 mod transfers;
 
-use std::{path::Path, sync::Arc};
+use std::{error::Error as StdError, iter::successors, path::Path, sync::Arc};
 
 use advsage::{ego::Ego, prepared::DriverInScene};
-use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
     generator::Attack,
@@ -32,7 +31,10 @@ pub use scene::MeasuredScene;
 pub use searches::Searches;
 pub use transfers::Transfers;
 
-use crate::rows::{Cell, Key, Subject};
+use crate::{
+    Error, Result,
+    rows::{Cell, Key, Subject},
+};
 
 /// A kind of measurement with all its methods.
 pub trait Measurement: Sync + Send {
@@ -87,13 +89,14 @@ fn driver_in_scene<'t>(
     simulated: &Result<Arc<SimScene>, sage_sim::Error>,
     seed: u64,
 ) -> Result<DriverInScene<'t>> {
-    let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
+    let simulated = simulated.as_ref().map_err(|error| Error::Value(error.to_string()))?;
     Ok(DriverInScene::new(simulated, |scene| ego.test(scene, seed))?)
 }
 
 /// Whether an error says that two cars touch *now*: nothing can be measured then, which is no failure.
-fn is_contact_now(error: &anyhow::Error) -> bool {
-    error.chain().any(advsage::is_contact_now)
+fn is_contact_now(error: &Error) -> bool {
+    successors(Some(error as &(dyn StdError + 'static)), |error| (**error).source())
+        .any(advsage::is_contact_now)
 }
 
 fn infos<S>(metrics: &[Metric<S>]) -> Vec<MetricInfo> {

@@ -11,13 +11,13 @@ use advsage::{
     search::{ONE_SHOT, POOL},
     selection::Selection,
 };
-use anyhow::{Result, bail, ensure};
 use sage_core::{generator::Attack, objective::ObjectiveSpec, scene::SceneData};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
 use crate::{
-    Registries,
+    Error, Registries, Result,
+    context::require,
     measure::{
         Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult, Searches,
         Transfers,
@@ -74,17 +74,20 @@ fn check_report(
         let is_known = KINDS.contains(&&**with)
             || [POOL, ONE_SHOT].contains(&&**with)
             || registries.parts.generators.get(with).is_ok();
-        ensure!(
-            is_known,
-            "`pairs` has `with: {with}`, which is neither a generator nor one of {}",
-            KINDS.join(", ")
-        );
+        require(is_known, || {
+            format!(
+                "`pairs` has `with: {with}`, which is neither a generator nor one of {}",
+                KINDS.join(", ")
+            )
+        })?;
     }
     for (subject, names) in &study.report.columns {
         let known = metrics.get(subject).map_or(&[][..], |all| all);
         let missing = names.iter().find(|name| !known.iter().any(|metric| metric.name == **name));
         if let Some(name) = missing.filter(|_| study.measures(*subject)) {
-            bail!("`columns` names `{name}`, which is no metric of `{subject}` in this study");
+            return Err(Error::Value(format!(
+                "`columns` names `{name}`, which is no metric of `{subject}` in this study"
+            )));
         }
     }
     let (keys, metrics) = (keys.to_vec(), metrics.clone());
@@ -114,32 +117,31 @@ impl PreparedStudy {
     ///
     /// *Errors*: a part or a metric that is not registered, options that a part refuses, or weights that cannot be used.
     pub fn new(study: Study, registries: &Registries, source: &dyn ExpertSource) -> Result<Self> {
-        let rule =
-            study.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(anyhow::Error::msg)?;
+        let rule = study.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(Error::Value)?;
         // A study without attacks selects nothing.
         let name = if study.selection.is_empty() { "natural" } else { &study.selection };
         let selection = Selection::of(&registries.parts, name, rule.as_ref())?;
         let parts: Vec<DriverSpec> =
-            study.ego.iter().map(|text| text.parse().map_err(anyhow::Error::msg)).collect::<Result<_>>()?;
+            study.ego.iter().map(|text| text.parse().map_err(Error::Value)).collect::<Result<_>>()?;
         let egos = Ego::all(&parts, &registries.parts)?;
         let measures_any = |subjects: &[Subject]| subjects.iter().any(|subject| study.measures(*subject));
         let drives = measures_any(&[Subject::Drive, Subject::AttackedDrive]);
         let searches = measures_any(&[Subject::Search, Subject::Threshold]);
         let transfers = study.measures(Subject::Transfer);
-        ensure!(
+        require(
             !drives && !searches && !transfers || !egos.is_empty(),
-            "the study drives, but `ego` names no driver"
-        );
-        ensure!(
+            || "the study drives, but `ego` names no driver",
+        )?;
+        require(
             !searches || study.measure.iter().all(|s| [Subject::Search, Subject::Threshold].contains(s)),
-            "`measure` names `search` or `threshold` beside other subjects; they need a study of their own"
-        );
-        ensure!(
+            || "`measure` names `search` or `threshold` beside other subjects; they need a study of their own",
+        )?;
+        require(
             !transfers || study.measure.len() == 1,
-            "`measure` names `transfer` beside other subjects; it needs a study of its own"
-        );
+            || "`measure` names `transfer` beside other subjects; it needs a study of its own",
+        )?;
         let has_programs = egos.iter().any(|ego| ego.is_program);
-        let notes = egos.iter().filter_map(|ego| ego.note.clone()).chain(unused(&study)).collect();
+        let notes = unused(&study);
         let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
         let is_episodic = study.measures(Subject::Episode);
         let groups = if is_attacked || is_episodic || searches || transfers || study.measures(Subject::Policy)
@@ -195,7 +197,7 @@ impl PreparedStudy {
                 metrics.insert(subject, infos.iter().map(MetricRecord::from).collect());
             }
         }
-        ensure!(!keys.is_empty(), "the study measures nothing");
+        require(!keys.is_empty(), || "the study measures nothing")?;
         check_report(&study, registries, &keys, &metrics)?;
         Ok(Self { study, keys, metrics, identity, notes, has_programs, measurements })
     }

@@ -2,10 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context as _, Result};
 use serde::{Deserialize, Deserializer};
 
-use crate::rows::Key;
+use crate::{
+    Result,
+    context::{Context as _, foreign},
+    rows::Key,
+};
 
 /// The file of all numbers.
 const FILE: &str = include_str!("../published.yaml");
@@ -32,7 +35,7 @@ pub struct Published {
 /// *Errors*: there are none of this name.
 pub fn published(name: &str) -> Result<Vec<Published>> {
     let mut all: BTreeMap<String, Vec<Published>> =
-        serde_saphyr::from_str(FILE).context("published.yaml cannot be read")?;
+        serde_saphyr::from_str(FILE).map_err(foreign).with_context(|| "published.yaml cannot be read")?;
     all.remove(name).with_context(|| format!("there are no published numbers `{name}`"))
 }
 

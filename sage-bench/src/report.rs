@@ -12,11 +12,10 @@ mod verdicts;
 
 use std::collections::{BTreeSet, HashMap};
 
-use anyhow::Result;
 use rayon::prelude::*;
 use sage_core::{metric::Aggregate, statistics::Estimate, text::table::Table, text::wrap::wrapped};
 
-use crate::csv_text::csv;
+use crate::{Result, csv_text::csv};
 
 pub(crate) use pairs::KINDS;
 pub use record::{StudyRecord, join, read, rows_csv};

@@ -53,7 +53,6 @@ pub struct MetricRecord {
     /// `more`, `less` or `neither` is better.
     pub better: String,
     /// Metric that weighs the scenes.
-    #[serde(default)]
     pub weight: Option<String>,
 }
 

@@ -2,18 +2,20 @@
 
 use std::sync::Arc;
 
-use anyhow::{Result, anyhow};
 use rayon::prelude::*;
-use sage_core::{defect, scene::SceneData};
+use sage_core::{
+    defect::{self, Defect},
+    scene::SceneData,
+};
 use serde::{Deserialize, Serialize};
 
-use crate::{measure::SceneResult, prepared_study::PreparedStudy, rows::Results};
+use crate::{Error, Result, measure::SceneResult, prepared_study::PreparedStudy, rows::Results};
 
 /// Scenes that are measured in parallel before their results are stored in order.
 const WINDOW: usize = 16;
 
-/// A list of scenes, each read when it is needed.
-pub trait SceneSource: Sync {
+/// A list of scenes, each read when it is needed; `E` is the error of the caller.
+pub trait SceneSource<E>: Sync {
     /// Names of the scenes.
     fn names(&self) -> Vec<String>;
 
@@ -23,27 +25,27 @@ pub trait SceneSource: Sync {
     /// Reads a scene; `None` if its number gives none.
     ///
     /// *Errors*: it cannot be read.
-    fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>>;
+    fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>, E>;
 }
 
 /// Keeps the results of scenes until a run is done.
-pub trait Store: Sync {
+pub trait Store<E>: Sync {
     /// The stored text of a scene.
     fn read(&self, number: usize) -> Option<String>;
 
     /// Stores the texts of some scenes, each whole or not at all.
     ///
     /// *Errors*: one cannot be written.
-    fn write(&self, texts: &[(usize, String)]) -> Result<()>;
+    fn write(&self, texts: &[(usize, String)]) -> Result<(), E>;
 }
 
 /// Follows a run.
-pub trait Observer {
+pub trait Observer<E> {
     /// A scene is done; `before` if an earlier run did it.
     fn done(&mut self, before: bool);
 
     /// A scene, or some results in it, failed.
-    fn failed(&mut self, scene: &str, what: &str, error: &anyhow::Error);
+    fn failed(&mut self, scene: &str, what: &str, error: &E);
 
     /// Nothing can be measured for some results in a scene.
     fn left_out(&mut self, scene: &str, reason: &str);
@@ -58,12 +60,12 @@ struct Stored {
 }
 
 /// What became of a scene.
-enum Measured {
+enum Measured<E> {
     /// An earlier run measured it.
     Known(Stored),
     New(Stored),
     /// It cannot be read.
-    Failed(anyhow::Error),
+    Failed(E),
     /// Its number gives no scene.
     None,
 }
@@ -71,12 +73,12 @@ enum Measured {
 /// Measures all scenes. A scene that cannot be read is told to the observer and left out.
 ///
 /// *Errors*: a result cannot be stored.
-pub fn run(
+pub fn run<E: From<Error> + From<Defect> + Send>(
     prepared: &PreparedStudy,
-    scenes: &dyn SceneSource,
-    store: &dyn Store,
-    observer: &mut dyn Observer,
-) -> Result<Results> {
+    scenes: &dyn SceneSource<E>,
+    store: &dyn Store<E>,
+    observer: &mut dyn Observer<E>,
+) -> Result<Results, E> {
     let names = scenes.names();
     let mut results = Results {
         study: prepared.study.study.clone(),
@@ -89,7 +91,7 @@ pub fn run(
         let is_current = stored.scene == names[number] && stored.content == scenes.content(number);
         is_current.then_some(stored)
     };
-    let measured = |number: usize| -> Measured {
+    let measured = |number: usize| -> Measured<E> {
         if let Some(stored) = known(number) {
             return Measured::Known(stored);
         }
@@ -106,12 +108,12 @@ pub fn run(
     };
     for start in (0..names.len()).step_by(WINDOW) {
         let end = names.len().min(start + WINDOW);
-        let window: Vec<Measured> = (start..end).into_par_iter().with_max_len(1).map(measured).collect();
+        let window: Vec<Measured<E>> = (start..end).into_par_iter().with_max_len(1).map(measured).collect();
         let new = window.iter().enumerate().filter_map(|(k, measured)| match measured {
             Measured::New(stored) => Some(serde_json::to_string(stored).map(|text| (start + k, text))),
             _ => None,
         });
-        store.write(&new.collect::<Result<Vec<_>, _>>()?)?;
+        store.write(&new.collect::<Result<Vec<_>, _>>().map_err(Error::from)?)?;
         for (k, measured) in window.into_iter().enumerate() {
             let is_known = matches!(measured, Measured::Known(_));
             let stored = match measured {
@@ -131,7 +133,7 @@ pub fn run(
             for cell in cells.iter().filter(|cell| !cell.error.is_empty()) {
                 if !told.contains(&&*cell.error) {
                     told.push(&cell.error);
-                    let error = anyhow!(cell.error.clone());
+                    let error = Error::Value(cell.error.clone()).into();
                     observer.failed(&scene, prepared.keys[cell.key].stream().trim_end(), &error);
                 }
             }

@@ -9,13 +9,16 @@ use advsage::{
     driver_spec::DriverSpec,
     operating_point::{Values, check_exclusive},
 };
-use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_sim::{avoidable::AvoidanceOptions, search::SearchOptions};
 use serde::{Deserialize, Deserializer, Serialize};
 
 pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, ReportSpec, VerdictSpec};
 
-use crate::rows::Subject;
+use crate::{
+    Error, Result,
+    context::{Context as _, require},
+    rows::Subject,
+};
 
 /// Studies that are part of the program: name and file.
 pub const SHIPPED: [(&str, &str); 26] = [
@@ -156,10 +159,10 @@ pub struct PlaneAxis {
 }
 
 /// The first line of a YAML parser's message, which shows the place in further lines.
-pub fn in_one_line(error: serde_saphyr::Error) -> anyhow::Error {
+pub fn yaml_error(error: serde_saphyr::Error) -> Error {
     let text = error.to_string();
     let line = text.lines().next().unwrap_or_default();
-    anyhow!("{}", line.trim_start_matches("error: ").to_owned())
+    Error::Value(line.trim_start_matches("error: ").to_owned())
 }
 
 impl Study {
@@ -168,7 +171,7 @@ impl Study {
     /// *Errors*: the text is no study; the study is not complete.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
         let study: Self =
-            serde_saphyr::from_str(text).map_err(in_one_line).with_context(|| format!("study `{name}`"))?;
+            serde_saphyr::from_str(text).map_err(yaml_error).with_context(|| format!("study `{name}`"))?;
         study.check().with_context(|| format!("study `{name}`"))?;
         study.refuse_programs().with_context(|| format!("study `{name}`"))?;
         Ok(study)
@@ -178,10 +181,11 @@ impl Study {
     fn refuse_programs(&self) -> Result<()> {
         for text in &self.ego {
             let is_program = text.parse::<DriverSpec>().is_ok_and(|part| part.is_program());
-            ensure!(
-                !is_program,
-                "`ego` names the program `{text}`; a file names no program, so give it as --ego on the command line"
-            );
+            require(!is_program, || {
+                format!(
+                    "`ego` names the program `{text}`; a file names no program, so give it as --ego on the command line"
+                )
+            })?;
         }
         Ok(())
     }
@@ -200,11 +204,15 @@ impl Study {
             .split_once('=')
             .with_context(|| format!("`{assignment}` is not AXIS=VALUE, such as lambda=0,0.5,1"))?;
         let mut fields = serde_json::to_value(&*self)?;
-        ensure!(
-            fields.get(name).is_some(),
-            "the study has no axis `{name}`; known: {}",
-            fields.as_object().map(|f| f.keys().cloned().collect::<Vec<_>>().join(", ")).unwrap_or_default()
-        );
+        require(fields.get(name).is_some(), || {
+            format!(
+                "the study has no axis `{name}`; known: {}",
+                fields
+                    .as_object()
+                    .map(|f| f.keys().cloned().collect::<Vec<_>>().join(", "))
+                    .unwrap_or_default()
+            )
+        })?;
         // Lists and options are YAML; a plain text is a list of parts, a number or a word.
         // Other operating points take the place of those of the study.
         if ["aggression", "mix", "triangle"].contains(&name) {
@@ -227,43 +235,42 @@ impl Study {
     ///
     /// *Errors*: what is missing, or what excludes what.
     pub fn check(&self) -> Result<()> {
-        ensure!(!self.measure.is_empty(), "`measure` names nothing; known: {}", names());
+        require(!self.measure.is_empty(), || format!("`measure` names nothing; known: {}", names()))?;
         for subject in &self.measure {
-            ensure!(
-                self.metrics.get(subject).is_some_and(|names| !names.is_empty()),
-                "`metrics` lists none for `{subject}`; `[\"*\"]` stands for all"
-            );
+            require(self.metrics.get(subject).is_some_and(|names| !names.is_empty()), || {
+                format!("`metrics` lists none for `{subject}`; `[\"*\"]` stands for all")
+            })?;
         }
         if let Some(other) = self.metrics.keys().find(|subject| !self.measure.contains(subject)) {
-            bail!("`metrics` lists some for `{other}`, which `measure` does not name");
+            return Err(Error::Value(format!(
+                "`metrics` lists some for `{other}`, which `measure` does not name"
+            )));
         }
         let axes = [
             ("`aggression`", !self.aggression.is_empty()),
             ("`mix`", !self.mix.is_empty()),
             ("`triangle`", self.triangle.is_some()),
         ];
-        check_exclusive(&axes).map_err(anyhow::Error::msg)?;
+        check_exclusive(&axes).map_err(Error::Value)?;
         if let Some(TriangleAxis { steps, experts }) = &self.triangle {
-            ensure!((1..=50).contains(steps), "`triangle` has {steps} steps; expected 1 to 50");
+            require((1..=50).contains(steps), || format!("`triangle` has {steps} steps; expected 1 to 50"))?;
             let [a, b, c] = experts;
-            ensure!(a != b && b != c && a != c, "`triangle` names an expert twice");
+            require(a != b && b != c && a != c, || "`triangle` names an expert twice")?;
         }
         let files: Vec<&str> = self.report.charts.iter().map(|chart| &*chart.file).collect();
         for (k, file) in files.iter().enumerate() {
             let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-            ensure!(
-                file.ends_with(".svg") && file.len() > 4 && file.chars().all(is_plain),
-                "the chart `{file}` is no name of a file such as `attack.svg`"
-            );
-            ensure!(!files[..k].contains(file), "two charts are named `{file}`");
+            require(file.ends_with(".svg") && file.len() > 4 && file.chars().all(is_plain), || {
+                format!("the chart `{file}` is no name of a file such as `attack.svg`")
+            })?;
+            require(!files[..k].contains(file), || format!("two charts are named `{file}`"))?;
         }
         if let Some(PlaneAxis { shares, experts: [a, b] }) = &self.plane {
             let count = shares.len();
-            ensure!(
-                (2..=MOST_SHARES).contains(&count),
-                "`plane` has {count} shares; expected 2 to {MOST_SHARES}"
-            );
-            ensure!(a != b, "`plane` names an expert twice");
+            require((2..=MOST_SHARES).contains(&count), || {
+                format!("`plane` has {count} shares; expected 2 to {MOST_SHARES}")
+            })?;
+            require(a != b, || "`plane` names an expert twice")?;
         }
         Ok(())
     }
@@ -309,6 +316,7 @@ fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Er
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::in_one_line;
 
     #[test]
     fn shipped_studies_are_complete_and_short() {
@@ -332,9 +340,8 @@ mod tests {
         assert_eq!((&study.method[..], study.ego.len()), (&["rule".to_owned()][..], 1));
         study.set("seed=7").unwrap();
         assert_eq!(study.seed, 7);
-        let error = |text: &str| {
-            format!("{:#}", Study::shipped("open-loop").unwrap().unwrap().set(text).unwrap_err())
-        };
+        let error =
+            |text: &str| in_one_line(&Study::shipped("open-loop").unwrap().unwrap().set(text).unwrap_err());
         let wrong = ["lamda=1", "lambda=0:1:0", "lambda"];
         let said = wrong.map(|text| format!("{text} -> {}", error(text)));
         insta::assert_snapshot!("wrong_axes", said.join("\n"));
@@ -342,7 +349,7 @@ mod tests {
 
     #[test]
     fn a_study_that_is_not_complete_says_what_is_missing() {
-        let error = |text: &str| format!("{:#}", Study::parse(text, "x").unwrap_err());
+        let error = |text: &str| in_one_line(&Study::parse(text, "x").unwrap_err());
         let wrong =
             ["study: x", "measure: [trajectory]", "measure: [trajectories]", "measures: [trajectory]"];
         let said = wrong.map(|text| format!("{text} -> {}", error(text)));

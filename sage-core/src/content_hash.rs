@@ -23,10 +23,18 @@ pub struct HashedTensor<'a> {
 
 /// What is wrong with the hash of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "its content does not match the hash in its header: the file is damaged or was changed; copy or make it again"
-)]
-pub struct WrongHash;
+pub enum WrongHash {
+    /// It is that of another content.
+    #[error(
+        "its content does not match the hash in its header: the file is damaged or was changed; copy or make it again"
+    )]
+    Differs,
+    /// There is none.
+    #[error(
+        "it holds no hash of its content: it is damaged or another program has written it; copy or make it again"
+    )]
+    Missing,
+}
 
 /// The hash of a JSON object and some tensors, as hexadecimal digits.
 pub fn content_hash<'a>(
@@ -70,20 +78,20 @@ fn has_hash_elsewhere(json: &str) -> bool {
     serde_json::from_str::<serde_json::Map<_, _>>(json).is_ok_and(|fields| fields.contains_key("hash"))
 }
 
-/// Compares the hash of a file with its content. Returns the JSON object without the hash, and whether there was one.
+/// Compares the hash of a file with its content. Returns the JSON object without the hash.
 ///
 /// *Errors*: [`WrongHash`].
 pub fn check_hash<'a>(
     text: &str,
     tensors: impl IntoIterator<Item = (&'a str, HashedTensor<'a>)>,
-) -> Result<(String, bool), WrongHash> {
+) -> Result<String, WrongHash> {
     let (json, stored) = split_hash(text);
     match stored {
         // Another program has written the header again, or a digit of the hash is damaged.
-        None if has_hash_elsewhere(&json) => Err(WrongHash),
-        None => Ok((json, false)),
-        Some(stored) if content_hash(&json, tensors) == stored => Ok((json, true)),
-        Some(_) => Err(WrongHash),
+        None if has_hash_elsewhere(&json) => Err(WrongHash::Differs),
+        None => Err(WrongHash::Missing),
+        Some(stored) if content_hash(&json, tensors) == stored => Ok(json),
+        Some(_) => Err(WrongHash::Differs),
     }
 }
 
@@ -124,16 +132,16 @@ mod tests {
     }
 
     #[test]
-    fn a_flipped_bit_is_noticed_and_no_hash_is_told() {
+    fn a_flipped_bit_and_a_missing_hash_are_noticed() {
         let bytes = [1, 2, 3, 4];
         let tensor = |bytes| [("a", HashedTensor { dtype: "F32".to_owned(), shape: vec![1], bytes })];
         let text = with_hash(JSON, &content_hash(JSON, tensor(&bytes)));
-        assert_eq!(check_hash(&text, tensor(&bytes)), Ok((JSON.to_owned(), true)));
-        assert_eq!(check_hash(&text, tensor(&[1, 2, 3, 5])), Err(WrongHash));
-        assert_eq!(check_hash(&text.replace("2.5", "2.6"), tensor(&bytes)), Err(WrongHash));
-        assert_eq!(check_hash(JSON, tensor(&bytes)), Ok((JSON.to_owned(), false)));
+        assert_eq!(check_hash(&text, tensor(&bytes)), Ok(JSON.to_owned()));
+        assert_eq!(check_hash(&text, tensor(&[1, 2, 3, 5])), Err(WrongHash::Differs));
+        assert_eq!(check_hash(&text.replace("2.5", "2.6"), tensor(&bytes)), Err(WrongHash::Differs));
+        assert_eq!(check_hash(JSON, tensor(&bytes)), Err(WrongHash::Missing));
         for changed in [text.replace("\"hash\":", "\"hash\": "), text.replace("\"}", "x\"}")] {
-            assert_eq!(check_hash(&changed, tensor(&bytes)), Err(WrongHash), "{changed}");
+            assert_eq!(check_hash(&changed, tensor(&bytes)), Err(WrongHash::Differs), "{changed}");
         }
     }
 }

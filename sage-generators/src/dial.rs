@@ -25,11 +25,10 @@ const REMEDY: &str = "`sage calibrate` fits one";
 pub struct Dials(pub BTreeMap<String, FittedDial>);
 
 /// The rate that rises linearly along a dial.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rate {
     /// Share of scenes with a feasible hit of the ego.
-    #[default]
     Attack,
     /// Share of scenes with a believable attack.
     Believable,
@@ -53,26 +52,17 @@ pub struct FittedDial {
     /// Hashes of the realistic and the adversarial expert.
     pub experts: [String; 2],
     /// The merger used in the fit.
-    #[serde(default = "linear")]
     pub merger: String,
-    /// The objective of the selection used in the fit; `None` in files of earlier versions, whose names are
-    /// those of presets.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub objective: Option<ObjectiveSpec>,
-    /// The rate that was fitted; all attacks in files of earlier versions.
-    #[serde(default)]
+    /// The objective of the selection used in the fit.
+    pub objective: ObjectiveSpec,
+    /// The rate that was fitted.
     pub rate: Rate,
     /// The rate at these aggressions in the scenes of the fit.
-    #[serde(alias = "attack")]
     pub rates: Vec<f64>,
     /// The scenes of the fit.
     pub data: String,
     /// The command of the fit.
     pub command: String,
-}
-
-fn linear() -> String {
-    "linear".to_owned()
 }
 
 impl FittedDial {
@@ -97,14 +87,11 @@ impl FittedDial {
             Ok(dials) => dials,
             Err(error) => return fail(format!("`{from}`: {error}")),
         };
-        let weighs_the_same = |known: &ObjectiveSpec| {
+        let is_for = |dial: &Self| {
+            let known = &dial.objective;
             known.terms == objective.terms && known.violation_weight == objective.violation_weight
         };
-        let is_for = |(name, dial): &(String, Self)| match &dial.objective {
-            Some(known) => weighs_the_same(known),
-            None => ObjectiveSpec::preset(name).is_some_and(|known| weighs_the_same(&known)),
-        };
-        let Some((_, dial)) = dials.0.into_iter().find(is_for) else {
+        let Some(dial) = dials.0.into_values().find(is_for) else {
             return fail(format!("`{from}` has no dial for the selection `{selection}`: {REMEDY}"));
         };
         if dial.experts != hashes(experts)? {

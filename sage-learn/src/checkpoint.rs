@@ -14,6 +14,7 @@ use std::{
 use safetensors::{Dtype, SafeTensors};
 use sage_core::{content_hash::check_hash, files};
 use sage_sim::{
+    Error,
     actor::{
         Network,
         tensor_file::{TensorBytes, hashed_tensors, write_tensors},
@@ -116,12 +117,14 @@ impl TrainingState {
         identity: &str,
         options: &TrainingOptions,
         scenes: usize,
-    ) -> Result<Option<Self>, String> {
+    ) -> Result<Option<Self>, Error> {
         let path = folder.join(CHECKPOINT);
         if !path.exists() {
             return Ok(None);
         }
-        let fail = |problem: String| format!("`{}`: {problem}; give --force to start again", path.display());
+        let fail = |problem: String| {
+            Error::Value(format!("`{}`: {problem}; give --force to start again", path.display()))
+        };
         let bytes = files::read(&path, MAX_CHECKPOINT).map_err(|error| fail(error.to_string()))?;
         let damaged = |error: &dyn std::fmt::Display| fail(format!("not a checkpoint, or damaged ({error})"));
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(&error))?;
@@ -129,13 +132,7 @@ impl TrainingState {
         let Some(text) = header.metadata().as_ref().and_then(|entries| entries.get(KEY)) else {
             return Err(fail("not a checkpoint of `sage train-ego`".to_owned()));
         };
-        let (text, is_hashed) =
-            check_hash(text, hashed_tensors(&file)).map_err(|error| fail(error.to_string()))?;
-        if !is_hashed {
-            return Err(fail(
-                "it holds no hash of its content: it is damaged or of an earlier version".to_owned(),
-            ));
-        }
+        let text = check_hash(text, hashed_tensors(&file)).map_err(|error| fail(error.to_string()))?;
         let record: Record = serde_json::from_str(&text).map_err(|error| damaged(&error))?;
         if record.format != FORMAT {
             return Err(fail(format!("its format is `{}`; expected `{FORMAT}`", record.format)));
@@ -143,7 +140,7 @@ impl TrainingState {
         if record.identity != identity {
             return Err(fail("it is of a run with other options, scenes or weights".to_owned()));
         }
-        record.check(options, scenes).map_err(&fail)?;
+        record.check(options, scenes).map_err(|error| fail(error.to_string()))?;
         let numbers: BTreeMap<String, Vec<f32>> = file
             .iter()
             .filter(|(_, tensor)| tensor.dtype() == Dtype::F32)
@@ -168,9 +165,11 @@ impl TrainingState {
             evaluation.actor = actor.and_then(|numbers| Network::of(shape, numbers.clone()));
         }
         state.episodes = record.episodes.into_owned();
-        let again = |problem: String| match problem.starts_with('`') {
-            true => format!("{problem}; give --force to start again"),
-            false => fail(problem),
+        let again = |error: Error| match error.to_string() {
+            problem if problem.starts_with('`') => {
+                Error::Value(format!("{problem}; give --force to start again"))
+            }
+            problem => fail(problem),
         };
         state.learner.restore(&numbers, record.learner, state.counters.steps, folder).map_err(again)?;
         Ok(Some(state))
@@ -179,7 +178,7 @@ impl TrainingState {
 
 impl Record<'_> {
     /// Refuses values that no run of these options and scenes has.
-    fn check(&self, options: &TrainingOptions, scenes: usize) -> Result<(), String> {
+    fn check(&self, options: &TrainingOptions, scenes: usize) -> Result<(), Error> {
         let counters = &self.counters;
         let limits = [
             ("counters.steps", counters.steps, options.steps()),
@@ -193,11 +192,14 @@ impl Record<'_> {
         ];
         for (name, found, most) in limits {
             if found > most {
-                return Err(format!("its field `{name}` is {found}; expected at most {most}"));
+                return Err(Error::Value(format!("its field `{name}` is {found}; expected at most {most}")));
             }
         }
         if self.records.len() != scenes {
-            return Err(format!("its field `records` has {} entries; expected {scenes}", self.records.len()));
+            return Err(Error::Value(format!(
+                "its field `records` has {} entries; expected {scenes}",
+                self.records.len()
+            )));
         }
         let is_finite = |numbers: &[f64]| numbers.iter().all(|x| x.is_finite());
         let in_order = |rows: &[EpisodeRow]| rows.iter().enumerate().all(|(k, row)| row.scene == k);
@@ -221,7 +223,7 @@ impl Record<'_> {
         ];
         match checks.iter().find(|(_, holds)| !holds) {
             Some((name, _)) => {
-                Err(format!("its field `{name}` holds values that no run of these options has"))
+                Err(Error::Value(format!("its field `{name}` holds values that no run of these options has")))
             }
             None => Ok(()),
         }

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, io, path::Path};
 
-use sage_sim::{actor::Network, observation::LENGTH};
+use sage_sim::{Error, actor::Network, observation::LENGTH};
 use serde_json::Value;
 
 use super::NamedTensor;
@@ -59,7 +59,7 @@ pub trait Learner: Send {
     /// Learns from the step that its last action led to.
     ///
     /// *Errors*: why the training cannot go on: a loss that is not finite, or values beyond all bounds.
-    fn learn(&mut self, step: &DrivenStep) -> Result<(), String>;
+    fn learn(&mut self, step: &DrivenStep) -> Result<(), Error>;
 
     /// The policy as it is now, for observations as they are, without exploration.
     fn actor(&self) -> Network<f32>;
@@ -91,7 +91,7 @@ pub trait Learner: Send {
         record: Value,
         steps: u64,
         folder: &Path,
-    ) -> Result<(), String>;
+    ) -> Result<(), Error>;
 
     /// Writes what is too large for a checkpoint into a folder beside it.
     ///

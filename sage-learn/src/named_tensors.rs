@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use sage_sim::{Error, actor::Shape};
+
 use super::kernels::Real;
-use sage_sim::actor::Shape;
 
 /// A tensor of a learner.
 #[derive(Clone, Debug)]
@@ -52,12 +53,15 @@ pub(super) fn set<'a, T: Real>(
 /// Whether all tensors are there with their sizes.
 ///
 /// *Errors*: the name of a tensor that is missing or has another size.
-pub(super) fn check<T>(own: &[NamedTensor<T>], tensors: &BTreeMap<String, Vec<T>>) -> Result<(), String> {
+pub(super) fn check<T>(own: &[NamedTensor<T>], tensors: &BTreeMap<String, Vec<T>>) -> Result<(), Error> {
     for NamedTensor { name, numbers, .. } in own {
-        let found = tensors.get(name).ok_or_else(|| format!("tensor `{name}` is missing"))?;
+        let found = tensors.get(name).ok_or_else(|| Error::Value(format!("tensor `{name}` is missing")))?;
         if found.len() != numbers.len() {
             let expected = numbers.len();
-            return Err(format!("tensor `{name}` has {} numbers; expected {expected}", found.len()));
+            return Err(Error::Value(format!(
+                "tensor `{name}` has {} numbers; expected {expected}",
+                found.len()
+            )));
         }
     }
     Ok(())

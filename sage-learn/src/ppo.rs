@@ -16,6 +16,11 @@ mod tensors;
 use std::{collections::BTreeMap, path::Path};
 
 use sage_core::seed::Rng;
+use sage_sim::{
+    Error,
+    actor::{Network, SingleRow, action_of, aims_of},
+    observation::LENGTH,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -25,15 +30,8 @@ pub use normalisation::Running;
 pub use options::PpoOptions;
 
 use self::actor_critic::log_density;
-use super::DrivenStep;
-use super::Learner;
-use super::NamedTensor;
+use super::{DrivenStep, Learner, NamedTensor};
 use crate::batch_passes::Activations;
-use sage_sim::actor::Network;
-use sage_sim::actor::SingleRow;
-use sage_sim::actor::action_of;
-use sage_sim::actor::aims_of;
-use sage_sim::observation::LENGTH;
 
 /// Sizes of observation and action.
 const SIZES: [usize; 2] = [LENGTH, 2];
@@ -101,7 +99,7 @@ impl Ppo {
     /// A learner for a number of batches.
     ///
     /// *Errors*: as [`PpoOptions::check`].
-    pub fn new(options: PpoOptions, batches: u64, seed: u64) -> Result<Self, String> {
+    pub fn new(options: PpoOptions, batches: u64, seed: u64) -> Result<Self, Error> {
         let (rows, environments) = (options.minibatch, options.environments);
         let networks = ActorCritic::new(options, SIZES, seed)?;
         let observations = Running::new(LENGTH);
@@ -135,7 +133,7 @@ impl Ppo {
     }
 
     /// Learns from a full batch and forgets it.
-    fn update(&mut self) -> Result<(), String> {
+    fn update(&mut self) -> Result<(), Error> {
         let options = self.networks.options().clone();
         let done = self.done();
         let batch = std::mem::take(&mut self.batch);
@@ -189,18 +187,18 @@ impl Ppo {
         Ok(())
     }
 
-    fn check(&self, report: &StepReport) -> Result<(), String> {
+    fn check(&self, report: &StepReport) -> Result<(), Error> {
         let at = self.networks.steps();
         if !(report.actor_loss.is_finite() && report.critic_loss.is_finite()) {
             let tensor =
                 self.not_finite().map_or(String::new(), |name| format!("; tensor `{name}` is not finite"));
-            return Err(format!("update {at}: the loss is not finite{tensor}"));
+            return Err(Error::Value(format!("update {at}: the loss is not finite{tensor}")));
         }
         if report.mean_abs_value > DIVERGED {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "update {at}: the training diverges; the critic's mean |V| is {:.3e} deviations of the return; lower the learning rate",
                 report.mean_abs_value
-            ));
+            )));
         }
         Ok(())
     }
@@ -245,7 +243,7 @@ impl Learner for Ppo {
         action_of(action, observation, self.networks.options().kept as f32)
     }
 
-    fn learn(&mut self, step: &DrivenStep) -> Result<(), String> {
+    fn learn(&mut self, step: &DrivenStep) -> Result<(), Error> {
         let Some(Drawn { observation, action, log_density }) = self.drawn.take() else { return Ok(()) };
         let (options, batch) = (self.networks.options(), &mut self.batch);
         let is_last = (batch.rewards.len() + 1).is_multiple_of(options.horizon);
@@ -312,16 +310,17 @@ impl Learner for Ppo {
         record: Value,
         steps: u64,
         _: &Path,
-    ) -> Result<(), String> {
-        let record: Record = serde_json::from_value(record).map_err(|error| error.to_string())?;
+    ) -> Result<(), Error> {
+        let record: Record =
+            serde_json::from_value(record).map_err(|error| Error::Value(error.to_string()))?;
         let options = self.networks.options();
         let (batch, minibatches) = (options.batch() as u64, options.batch() / options.minibatch);
         let expected = (steps / batch).saturating_mul((options.epochs * minibatches) as u64);
         if !steps.is_multiple_of(batch) || record.updates != expected {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "its field `updates` is {} after {steps} steps; expected {expected} after whole batches of {batch}",
                 record.updates
-            ));
+            )));
         }
         let numbers = record.discounted.iter().chain(&record.losses);
         let is_sound = record.observations.is_sound(LENGTH)
@@ -329,7 +328,9 @@ impl Learner for Ppo {
             && record.discounted.len() == self.discounted.len()
             && numbers.into_iter().all(|x| x.is_finite());
         if !is_sound {
-            return Err("its normalisation holds numbers that no run of these options has".to_owned());
+            return Err(Error::Value(
+                "its normalisation holds numbers that no run of these options has".to_owned(),
+            ));
         }
         self.networks.set_tensors(tensors, record.updates)?;
         let Record { observations, returns, discounted, losses, .. } = record;

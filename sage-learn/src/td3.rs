@@ -7,22 +7,22 @@ mod update;
 
 use std::{collections::BTreeMap, io, path::Path};
 
+use sage_core::seed::Rng;
+use sage_sim::{
+    Error,
+    actor::{Network, SingleRow},
+    observation::LENGTH,
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
 pub use buffer_log::BUFFER;
 pub use options::Td3Options;
 pub use replay_buffer::{ReplayBuffer, Transition};
-use sage_core::seed::Rng;
-use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
 pub use update::{Td3Learner, TransitionBatch, UpdateReport};
 
 use self::buffer_log::BufferLog;
-use super::DrivenStep;
-use super::Learner;
-use super::NamedTensor;
-use super::TrainingOptions;
-use sage_sim::actor::Network;
-use sage_sim::actor::SingleRow;
-use sage_sim::observation::LENGTH;
+use super::{DrivenStep, Learner, NamedTensor, TrainingOptions};
 
 /// Sizes of observation and action.
 const SIZES: [usize; 2] = [LENGTH, 2];
@@ -69,7 +69,7 @@ impl Td3 {
     /// A learner for a training.
     ///
     /// *Errors*: as [`Td3Options::check`].
-    pub fn new(options: &TrainingOptions) -> Result<Self, String> {
+    pub fn new(options: &TrainingOptions) -> Result<Self, Error> {
         let td3 = options.td3.clone();
         let held = (td3.buffer as u64).min(options.steps()) as usize;
         Ok(Self {
@@ -89,7 +89,7 @@ impl Td3 {
     }
 
     /// The updates that belong to the steps so far.
-    fn update(&mut self, steps: u64) -> Result<(), String> {
+    fn update(&mut self, steps: u64) -> Result<(), Error> {
         let steps = steps.saturating_sub(self.networks.options().random_steps);
         let due = ((steps as f64 * self.ratio).floor() as u64).min(self.all_updates);
         while self.networks.updates() < due {
@@ -111,14 +111,14 @@ impl Td3 {
                     .networks
                     .not_finite()
                     .map_or(String::new(), |name| format!("; tensor `{name}` is not finite"));
-                return Err(format!("update {at}: the loss is not finite{tensor}"));
+                return Err(Error::Value(format!("update {at}: the loss is not finite{tensor}")));
             }
             let q = report.mean_abs_q;
             self.diverging = if q > DIVERGED { self.diverging + 1 } else { 0 };
             if self.diverging >= DIVERGED_UPDATES || q > FAR_DIVERGED {
-                return Err(format!(
+                return Err(Error::Value(format!(
                     "update {at}: the training diverges; mean |Q| is {q:.3e}, and no return reaches {DIVERGED}; lower the learning rates"
-                ));
+                )));
             }
         }
         Ok(())
@@ -152,7 +152,7 @@ impl Learner for Td3 {
         numbers
     }
 
-    fn learn(&mut self, step: &DrivenStep) -> Result<(), String> {
+    fn learn(&mut self, step: &DrivenStep) -> Result<(), Error> {
         self.rows[step.slot] = self.buffer.step(&Transition {
             from: self.rows[step.slot],
             action: &step.action,
@@ -205,8 +205,9 @@ impl Learner for Td3 {
         record: Value,
         _: u64,
         folder: &Path,
-    ) -> Result<(), String> {
-        let record: Record = serde_json::from_value(record).map_err(|error| error.to_string())?;
+    ) -> Result<(), Error> {
+        let record: Record =
+            serde_json::from_value(record).map_err(|error| Error::Value(error.to_string()))?;
         // A row for each step, and one for the start of each episode, which has a step.
         let most_rows = self.all_steps.saturating_mul(2).saturating_add(self.rows.len() as u64);
         let limits = [
@@ -216,12 +217,12 @@ impl Learner for Td3 {
             ("rows", record.rows.iter().copied().max().unwrap_or(0), record.written),
         ];
         if let Some((name, found, most)) = limits.into_iter().find(|(_, found, most)| found > most) {
-            return Err(format!("its field `{name}` is {found}; expected at most {most}"));
+            return Err(Error::Value(format!("its field `{name}` is {found}; expected at most {most}")));
         }
         if record.rows.len() != self.rows.len() || !record.losses.iter().all(|x| x.is_finite()) {
-            return Err(
-                "its field `rows` or `losses` holds values that no run of these options has".to_owned()
-            );
+            return Err(Error::Value(
+                "its field `rows` or `losses` holds values that no run of these options has".to_owned(),
+            ));
         }
         self.networks.set_tensors(tensors, record.updates)?;
         (self.rows, self.log) = (record.rows, record.buffer);

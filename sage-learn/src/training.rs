@@ -332,7 +332,7 @@ impl<'a> Training<'a> {
             is_terminal: outcome.terminated,
             is_over,
         };
-        self.state.learner.learn(&step).map_err(Stop::Broken)?;
+        self.state.learner.learn(&step).map_err(|error| Stop::Broken(error.to_string()))?;
         Ok(is_over)
     }
 
@@ -357,7 +357,7 @@ impl<'a> Training<'a> {
             is_terminal: false,
             is_over: true,
         };
-        self.state.learner.learn(&step).map_err(Stop::Broken)
+        self.state.learner.learn(&step).map_err(|error| Stop::Broken(error.to_string()))
     }
 
     /// Counts success or failure of an episode for curriculum and sampler.

@@ -1,6 +1,7 @@
 //! Options of a training run.
 
 use sage_sim::{
+    Error,
     actor::{ActorPolicy, Network},
     environment::{EnvironmentOptions, RewardSum},
     observation::ObservationKind,
@@ -114,20 +115,26 @@ impl TrainingOptions {
     /// Checks all numbers.
     ///
     /// *Errors*: the name and value of an option that is out of range, and what is expected.
-    pub fn check(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), Error> {
         self.td3.check()?;
-        self.ppo.check().map_err(|problem| format!("`ppo`: {problem}"))?;
+        self.ppo.check().map_err(|error| Error::Value(format!("`ppo`: {error}")))?;
         if !(0.0..=1.0).contains(&self.mirrored) {
-            return Err(format!("`mirrored` is {}; expected a number from 0 to 1", self.mirrored));
+            return Err(Error::Value(format!(
+                "`mirrored` is {}; expected a number from 0 to 1",
+                self.mirrored
+            )));
         }
         if !(1..=MOST_STEPS).contains(&self.ppo_steps) {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "`ppo_steps` is {}; expected a number from 1 to {MOST_STEPS}",
                 self.ppo_steps
-            ));
+            )));
         }
         if !(self.ratio >= 1.0 / 64.0 && self.ratio <= 64.0) {
-            return Err(format!("`ratio` is {}; expected a number from 1/64 to 64", self.ratio));
+            return Err(Error::Value(format!(
+                "`ratio` is {}; expected a number from 1/64 to 64",
+                self.ratio
+            )));
         }
         let counts = [
             ("environments", self.environments, 1, 1024),
@@ -139,22 +146,24 @@ impl TrainingOptions {
         if let Some((name, value, least, most)) =
             counts.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value))
         {
-            return Err(format!("`{name}` is {value}; expected a number from {least} to {most}"));
+            return Err(Error::Value(format!(
+                "`{name}` is {value}; expected a number from {least} to {most}"
+            )));
         }
         let batches = self.steps() / self.ppo.batch() as u64;
         if self.algorithm == Algorithm::Ppo && self.evaluations > batches {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "`evaluations` is {}; expected at most {batches}, the batches of {} steps",
                 self.evaluations,
                 self.ppo.batch()
-            ));
+            )));
         }
         let steps = self.steps().saturating_sub(self.td3.random_steps);
         if self.algorithm == Algorithm::Td3 && steps < self.td3.random_steps {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "{} updates at a ratio of {} are {steps} steps, fewer than the {} random steps at the start; give more updates or fewer random steps",
                 self.updates, self.ratio, self.td3.random_steps
-            ));
+            )));
         }
         Ok(())
     }

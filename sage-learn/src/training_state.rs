@@ -6,7 +6,7 @@ use std::{
 };
 
 use sage_sim::{
-    actor::Network, curriculum::SuccessRates, evaluation::EpisodeRow, traffic::Plan, vehicle::Motion,
+    Error, actor::Network, curriculum::SuccessRates, evaluation::EpisodeRow, traffic::Plan, vehicle::Motion,
 };
 use serde::{Deserialize, Serialize};
 
@@ -90,7 +90,7 @@ impl TrainingState {
     /// The state before the first step.
     ///
     /// *Errors*: as [`TrainingOptions::check`].
-    pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, String> {
+    pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, Error> {
         Ok(Self {
             learner: learner(options)?,
             episodes: Vec::new(),
@@ -134,7 +134,7 @@ impl TrainingState {
 /// The learner before the first step.
 ///
 /// *Errors*: as [`TrainingOptions::check`].
-fn learner(options: &TrainingOptions) -> Result<Box<dyn Learner>, String> {
+fn learner(options: &TrainingOptions) -> Result<Box<dyn Learner>, Error> {
     options.check()?;
     Ok(match options.algorithm {
         Algorithm::Td3 => Box::new(Td3::new(options)?),

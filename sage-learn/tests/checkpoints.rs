@@ -21,13 +21,13 @@ fn a_damaged_or_foreign_checkpoint_is_refused_by_name() {
     let mut state = TrainingState::new(&options, 6).expect("valid options");
     state.save(folder.path(), "a").expect("written");
     assert_eq!(load("a"), Ok(true));
-    let told = |identity: &str| in_folder(folder.path(), &load(identity).expect_err("a refusal"));
+    let told = |identity: &str| in_folder(folder.path(), &load(identity).expect_err("a refusal").to_string());
     assert_snapshot!(told("b"), @"`[folder]/checkpoint.safetensors`: it is of a run with other options, scenes or weights; give --force to start again");
     let path = folder.path().join(CHECKPOINT);
     let whole = std::fs::read(&path).expect("the checkpoint");
     for cut in [0, 7, 100, whole.len() / 2, whole.len() - 1] {
         std::fs::write(&path, &whole[..cut]).expect("written");
-        let error = load("a").expect_err("cut");
+        let error = load("a").expect_err("cut").to_string();
         assert!(error.contains(CHECKPOINT), "{error}");
     }
     let mut flipped = whole.clone();
@@ -46,7 +46,7 @@ fn a_damaged_replay_buffer_is_refused_by_name() {
     save_trained(folder.path(), &options);
     let load = || TrainingState::load(folder.path(), "test", &options, 6).map(|found| found.is_some());
     assert_eq!(load(), Ok(true));
-    let told = || in_folder(folder.path(), &load().expect_err("a refusal"));
+    let told = || in_folder(folder.path(), &load().expect_err("a refusal").to_string());
     let file = std::fs::read_dir(folder.path().join(BUFFER)).expect("a folder").next().expect("a file");
     let file = file.expect("an entry").path();
     let whole = std::fs::read(&file).expect("rows");
@@ -106,7 +106,7 @@ fn a_crafted_checkpoint_is_refused() {
     let huge = serde_json::Value::from(u64::MAX);
     let mut told = Vec::new();
     for counter in ["steps", "episodes", "attacked", "skipped", "drive_age", "without_drive", "unavoidable"] {
-        let error = crafted(&format!("/counters/{counter}"), huge.clone()).expect_err(counter);
+        let error = crafted(&format!("/counters/{counter}"), huge.clone()).expect_err(counter).to_string();
         assert!(error.contains(counter), "{counter}: {error}");
         told.push(format!("{counter} -> {}", without_numbers(&in_folder(folder.path(), &error))));
     }
@@ -135,7 +135,7 @@ fn a_crafted_checkpoint_is_refused() {
         ("/episodes/0/actions/0/0", 1e300.into()),
         ("/format", "sage train-ego checkpoint 1".into()),
     ] {
-        let error = crafted(pointer, value.clone()).expect_err(pointer);
+        let error = crafted(pointer, value.clone()).expect_err(pointer).to_string();
         let mut value = value.to_string();
         value.truncate(30);
         told.push(format!("{pointer} {value} -> {}", without_numbers(&in_folder(folder.path(), &error))));

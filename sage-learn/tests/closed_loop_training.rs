@@ -240,7 +240,7 @@ fn divergence_stops_the_run() {
 
 #[test]
 fn options_out_of_range_are_named() {
-    let problem = |options: TrainingOptions| options.check().expect_err("out of range");
+    let problem = |options: TrainingOptions| options.check().expect_err("out of range").to_string();
     assert_snapshot!(problem(TrainingOptions { ratio: 0.0, ..small() }), @"`ratio` is 0; expected a number from 1/64 to 64");
     assert_snapshot!(problem(TrainingOptions { updates: 10, ..small() }), @"10 updates at a ratio of 0.5 are 20 steps, fewer than the 200 random steps at the start; give more updates or fewer random steps");
     assert_snapshot!(problem(TrainingOptions { evaluations: 0, ..small() }), @"`evaluations` is 0; expected a number from 1 to 1000");

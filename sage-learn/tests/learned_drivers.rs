@@ -114,7 +114,7 @@ fn a_policy_of_a_file_keeps_the_share_of_its_training() {
     assert!(trained == drive(read_card.policy(read)));
     assert!(trained != drive(ActorPolicy::new(actor.clone()).observing(CONTINUED)));
     write_policy(&path, &actor, &PolicyCard { kept: 1.0, ..card }).unwrap();
-    assert!(read_policy(&path).unwrap_err().contains("keep a share of 1 of the last one"));
+    assert!(read_policy(&path).unwrap_err().to_string().contains("keep a share of 1 of the last one"));
 }
 
 #[test]

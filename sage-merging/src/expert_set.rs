@@ -29,7 +29,6 @@ pub struct ExpertSet {
     prior: Arc<dyn Backbone>,
     experts: Arc<[(String, Parameters)]>,
     tunes: Tunes,
-    unhashed: Arc<[PathBuf]>,
     source: Option<Weights>,
 }
 
@@ -173,7 +172,7 @@ impl ExpertSet {
 
     /// A prior without experts, for what needs no mixture.
     pub fn of_prior(prior: Arc<dyn Backbone>) -> Self {
-        Self { prior, experts: Arc::new([]), tunes: Tunes::Scores, unhashed: Arc::new([]), source: None }
+        Self { prior, experts: Arc::new([]), tunes: Tunes::Scores, source: None }
     }
 
     /// The same with the place that it was loaded from, where files of other networks lie beside the prior.
@@ -195,11 +194,8 @@ impl ExpertSet {
         files: impl IntoIterator<Item = (String, ExpertFile)>,
     ) -> Result<Self, Error> {
         let hash = prior.parameters().hash()?;
-        let (mut tunes, mut unhashed) = (Tunes::Scores, Vec::new());
+        let mut tunes = Tunes::Scores;
         let checked = files.into_iter().map(|(name, file)| {
-            if !file.header.is_hashed {
-                unhashed.push(file.path.clone());
-            }
             // One expert with its own encoder makes all models of the set encode for themselves.
             let own_tunes = file.tunes()?;
             if own_tunes == Tunes::All {
@@ -215,7 +211,7 @@ impl ExpertSet {
             Ok((name, parameters))
         });
         let experts = checked.collect::<Result<Vec<_>, Error>>()?;
-        Ok(Self { unhashed: unhashed.into(), ..Self::tuned(prior, experts, tunes)? })
+        Self::tuned(prior, experts, tunes)
     }
 
     /// A prior and named experts of which the scores alone were tuned, in the order of a mixture's weights.
@@ -253,12 +249,7 @@ impl ExpertSet {
                 return Err(sage_backbones::Error::Weights { what, problems }.into());
             }
         }
-        Ok(Self { prior, experts: experts.into(), tunes, unhashed: Arc::new([]), source: None })
-    }
-
-    /// Files of experts without a hash of their content, so that damage is not noticed.
-    pub fn files_without_hash(&self) -> &[PathBuf] {
-        &self.unhashed
+        Ok(Self { prior, experts: experts.into(), tunes, source: None })
     }
 
     /// What of the experts was tuned.

@@ -137,9 +137,7 @@ impl PyGenerator {
     /// What the user should know of weights and dial.
     #[getter]
     fn notes(&self) -> Vec<String> {
-        let named = &self.built.named;
-        let of_weights = named.weights.iter().filter_map(|weights| weights.note.clone());
-        of_weights.chain(named.notes.iter().cloned()).collect()
+        self.built.named.notes.clone()
     }
 
     /// Name of the operating point, as in names of files: "lambda1.00".

@@ -1,27 +1,17 @@
 //! Loads networks, weights and generators by the names that commands accept, and says which they are.
 
 use advsage::{
-    Registries, dial,
+    Registries, Result, dial,
     named_generator::{GeneratorSpec, NamedGenerator},
     selection::Selection,
     weights::{NamedExperts, NamedNetwork},
 };
-use anyhow::Result;
 use sage_backbones::Backbone;
 use sage_core::registry::Registry;
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
 
 use crate::progress;
-
-/// Loads a prior by name.
-///
-/// *Errors*: as [`NamedNetwork::load`].
-pub fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<NamedNetwork> {
-    let loaded = NamedNetwork::load(registry, name)?;
-    note(loaded.note.as_deref());
-    Ok(loaded)
-}
 
 /// Loads a prior with its experts, and prints on stderr which are used.
 ///
@@ -66,12 +56,5 @@ pub fn announce(loaded: &NamedNetwork) {
 
 /// Prints on stderr which experts are used.
 pub fn announce_experts(loaded: &NamedExperts) {
-    note(loaded.note.as_deref());
     progress::say(&format!("note: {}", loaded.description()));
-}
-
-fn note(text: Option<&str>) {
-    if let Some(text) = text {
-        progress::say_once(&format!("note: {text}"));
-    }
 }

@@ -8,7 +8,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use advsage::ego::Ego;
 pub use sage_core::text::count;
 use sage_core::text::wrap::wrapped;
 
@@ -48,11 +47,6 @@ pub fn say_once(text: &str) {
     if SAID.lock().unwrap_or_else(PoisonError::into_inner).insert(text.to_owned()) {
         say(text);
     }
-}
-
-/// Says what the user should know about the files of policies.
-pub fn say_notes(egos: &[Ego]) {
-    egos.iter().filter_map(|ego| ego.note.as_ref()).for_each(|note| say_once(&format!("note: {note}")));
 }
 
 /// Shows a line that the next one replaces, on a terminal only.

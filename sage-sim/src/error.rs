@@ -13,6 +13,9 @@ pub enum Error {
     /// Scenes, trajectories and plans with bad numbers, unknown names, or options that a part refuses.
     #[error(transparent)]
     Core(#[from] sage_core::Error),
+    /// Options, a file or numbers that cannot be used, in words.
+    #[error("{0}")]
+    Value(String),
     /// A scene that cannot be simulated, whatever the policy.
     #[error("scene `{scene}`: {problem}")]
     Scene {

@@ -8,8 +8,6 @@ use std::sync::Arc;
 use sage_core::{defect, generator::OperatingPoint, geometry::norm, motion::DT};
 use serde::{Deserialize, Serialize};
 
-use standing::Standing;
-
 use crate::{
     Error,
     attacker::Attacker,
@@ -21,6 +19,7 @@ use crate::{
     scene::SimScene,
     traffic::Plan,
 };
+use standing::Standing;
 
 /// Step whose completion is reported besides that at the end: the last recorded frame.
 const LAST_RECORDED: usize = 90;

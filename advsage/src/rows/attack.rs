@@ -78,7 +78,6 @@ pub struct ChosenScores {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<Answer>,
     /// The same; the earlier name of this field, for one version.
-    #[serde(default)]
     pub r157_avoids: Option<bool>,
 }
 

@@ -37,7 +37,6 @@ pub struct DriveRow {
     #[serde(flatten)]
     pub generated: Option<GeneratedBy>,
     /// Number of steps after *now* that are recorded, at most 80: the drive ends there.
-    #[serde(default)]
     pub horizon: usize,
     /// Number of steps from frame 0 to the end.
     pub steps: usize,
@@ -49,7 +48,6 @@ pub struct DriveRow {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub off_road_as_recorded: bool,
     /// Whether the map has road edges: without them `off_road` is not measured.
-    #[serde(default = "measured")]
     pub off_road_measured: bool,
     /// Why it ended.
     pub end: RowEnd,
@@ -65,11 +63,6 @@ pub struct DriveRow {
     pub source_hash: String,
     /// Seed of the run.
     pub seed: u64,
-}
-
-/// Rows of earlier versions do not say whether the map has edges.
-fn measured() -> bool {
-    true
 }
 
 /// Why a drive ended.
@@ -90,7 +83,6 @@ pub struct DriveAttack {
     /// Whether the plan is feasible by the paper's rule.
     pub feasible: bool,
     /// Step at which the plan would meet the drive without the attack, which it was planned against.
-    #[serde(default)]
     pub planned_contact: Option<usize>,
     /// Whether the attack is believable in the attacked drive; null if it does not work.
     pub believable: Option<bool>,

@@ -78,12 +78,10 @@ pub struct SceneRow {
     /// Of these, with the driver at fault.
     pub at_fault: usize,
     /// The same, in which an evasive manoeuvre exists, knowing the plan.
-    #[serde(default)]
     pub avoidable: usize,
     /// Drives that meet all required clauses.
     pub failures: usize,
     /// These by the generator of their plans.
-    #[serde(default)]
     pub sources: BTreeMap<String, usize>,
     /// Why there is no failure.
     pub reason: Option<Reason>,
@@ -94,7 +92,6 @@ pub struct SceneRow {
     /// Step of the first contact of the unattacked drive.
     pub unattacked_contact: Option<i64>,
     /// Box centre and heading of the ego in the unattacked drive at frames 0 to 90, up to its first contact.
-    #[serde(default)]
     pub unattacked_path: Vec<[f64; 3]>,
     /// The failure with the largest reward.
     pub worst: Option<FoundFailure>,
@@ -141,13 +138,10 @@ pub struct EvaluatedRow {
     /// Reward of the search.
     pub reward: f64,
     /// Latest start within the limits of UN R157's driver, s before the contact.
-    #[serde(default)]
     pub latest_start_r157: Option<f64>,
     /// Whether there is one; the earlier name of this field, for one version.
-    #[serde(default)]
     pub avoidable_r157: Option<bool>,
     /// Seconds from the onset of the plan to the latest start.
-    #[serde(default)]
     pub human_time: Option<f64>,
     /// The reference drivers that were asked whether they prevent the contact.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -2,7 +2,7 @@
 
 use std::{sync::Arc, time::Instant};
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use sage_core::{scene::SceneIndex, seed::Rng};
 use sage_data::procedural::{Kind, generate};
 use sage_learn::{
@@ -27,8 +27,7 @@ const SCENES: u64 = 14;
 /// *Errors*: none on built-in scenes.
 pub(super) fn run(repeat: usize, report: &mut impl FnMut(Timing) -> Result<()>) -> Result<()> {
     let options = Td3Options::default();
-    let mut learner =
-        Td3Learner::<f32>::new(options.clone(), [LENGTH, 2], 0).map_err(|problem| anyhow!(problem))?;
+    let mut learner = Td3Learner::<f32>::new(options.clone(), [LENGTH, 2], 0)?;
     let buffer = filled();
     let mut batch = TransitionBatch::new(options.batch, LENGTH, 2);
     let (mut rows, mut noise) = (Rng::new(0, "speed", "batch"), Rng::new(0, "speed", "noise"));
@@ -102,7 +101,7 @@ fn training(options: TrainingOptions, before: u64, [steps, count]: [u64; 2]) -> 
         .collect::<Result<_, _>>()?;
     let (curricula, samplers) = (curricula()?, scene_samplers()?);
     let (curriculum, sampler) = (curricula.build_default("paper")?, samplers.build_default("uniform")?);
-    let state = TrainingState::new(&options, scenes.len()).map_err(|problem| anyhow!(problem))?;
+    let state = TrainingState::new(&options, scenes.len())?;
     let setting = Setting {
         scenes: &scenes,
         evaluation: &[],

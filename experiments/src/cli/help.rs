@@ -15,12 +15,11 @@ pub(super) const CLAIMS: &str = "Claims";
 pub(super) const DIAGNOSTICS: &str = "Diagnostics";
 pub(super) const TRAINING: &str = "Training";
 pub(super) const STUDY: &str = "Study";
-pub(super) const JOB: &str = "Job";
 pub(super) const OUTPUT: &str = "Output";
 pub(super) const RUN: &str = "Run";
 
 /// All headings, in the order of the sections.
-const HEADINGS: [&str; 15] = [
+const HEADINGS: [&str; 14] = [
     CLAIMS,
     DIAGNOSTICS,
     SCENE,
@@ -33,7 +32,6 @@ const HEADINGS: [&str; 15] = [
     PICTURE,
     TRAINING,
     STUDY,
-    JOB,
     OUTPUT,
     RUN,
 ];
@@ -50,7 +48,7 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Look at scenes", &["inspect", "draw", "explain", "predict"]),
     ("Drive and test", &["simulate", "search", "report", "suite", "test"]),
     ("Measure and compare", &["score", "bench"]),
-    ("Run on a cluster", &["jobs", "status", "join"]),
+    ("Run on a cluster", &["status", "join"]),
     ("Train", &["pretrain", "finetune", "calibrate", "merge", "train-ego", "train-adversary"]),
     ("Research", &["theory", "analyse"]),
     ("Other", &["list", "completions"]),

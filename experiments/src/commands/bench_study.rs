@@ -6,7 +6,7 @@ mod measured;
 
 use std::{path::Path, sync::Arc};
 
-use advsage::selection::Selection;
+use advsage::{selection::Selection, weights::NamedNetwork};
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_backbones::Backbone;
 use sage_bench::{
@@ -324,11 +324,11 @@ pub(crate) fn list(registries: &Registries) -> Result<Outcome> {
 struct Weights<'r>(&'r Registries);
 
 impl ExpertSource for Weights<'_> {
-    fn network(&self, name: &str) -> Result<Arc<dyn Backbone>> {
-        Ok(networks::load(&self.0.parts.backbones, name)?.network.into())
+    fn network(&self, name: &str) -> advsage::Result<Arc<dyn Backbone>> {
+        Ok(NamedNetwork::load(&self.0.parts.backbones, name)?.network.into())
     }
 
-    fn experts(&self, name: &str) -> Result<ExpertSet> {
+    fn experts(&self, name: &str) -> advsage::Result<ExpertSet> {
         networks::load_experts(&self.0.parts.backbones, name)
     }
 
@@ -338,7 +338,7 @@ impl ExpertSource for Weights<'_> {
         experts: &ExpertSet,
         selection: &Selection,
         merger: &str,
-    ) -> Result<Aggression> {
+    ) -> advsage::Result<Aggression> {
         networks::load_dial(name, experts, selection, merger)
     }
 }
@@ -349,7 +349,7 @@ struct Follow<'s> {
     scenes: &'s Scenes,
 }
 
-impl Observer for Follow<'_> {
+impl Observer<anyhow::Error> for Follow<'_> {
     fn done(&mut self, before: bool) {
         if before { self.progress.step_found() } else { self.progress.step() }
     }

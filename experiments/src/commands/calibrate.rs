@@ -73,7 +73,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
             mu,
             experts: hashes(&experts)?,
             merger: args.merging.merger.to_string(),
-            objective: Some(selection.objective.spec().clone()),
+            objective: selection.objective.spec().clone(),
             rate,
             rates: attacks.iter().map(|a| (a.rate(rate) * 1e4).round() / 1e4).collect(),
             data: scenes.describe(),

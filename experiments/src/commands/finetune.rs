@@ -44,7 +44,7 @@ fn with_edges(
     run_options: &RunOptions,
     registries: &Registries,
 ) -> Result<NamedNetwork> {
-    let NamedNetwork { network, mut header, name, note } = loaded;
+    let NamedNetwork { network, mut header, name } = loaded;
     let mut options = network.options().clone();
     let Some(edges) = options.get_mut(EDGES) else {
         ensure!(
@@ -52,13 +52,13 @@ fn with_edges(
             "the network `{}` has no option `edges`; omit --edges and `edges`",
             network.name()
         );
-        return Ok(NamedNetwork { network, header, name, note });
+        return Ok(NamedNetwork { network, header, name });
     };
     *edges = serde_json::to_value(run_options.edges.unwrap_or(EdgeKinds::All))?;
     let changed = registries.backbones.build(network.name(), &options)?;
     let network = changed.with_parameters(network.parameters().clone())?;
     header.options = options;
-    Ok(NamedNetwork { network, header, name, note })
+    Ok(NamedNetwork { network, header, name })
 }
 
 /// What identifies the run.
@@ -148,7 +148,8 @@ impl<'a> Job<'a> {
         let objectives: Vec<&Objective> = options.experts.iter().map(|expert| &expert.objective).collect();
         let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities);
         let measures = measures.context("the experts of one run")?;
-        let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, &options, registries)?;
+        let loaded =
+            with_edges(NamedNetwork::load(&registries.backbones, &args.prior)?, &options, registries)?;
         networks::announce(&loaded);
         let training = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?;
         let validation = args.dev.as_ref().map(|dev| Scenes::under(std::slice::from_ref(dev))).transpose()?;

@@ -5,13 +5,16 @@ mod recipe;
 
 use std::path::{Path, PathBuf};
 
-use advsage::{Registries, weights};
+use advsage::{
+    Registries,
+    weights::{self, NamedNetwork},
+};
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::{Parameters, parameters::Header, training::Tunes, weights::PRIOR_FILE};
 use sage_core::{generator::Mixture, text::table::Table};
 use sage_merging::{ExpertFile, ExpertSet, Range, merged_weights};
 use sage_run::{
-    Outcome, networks,
+    Outcome,
     output::{self, Folder, Inputs},
     progress, scenes,
     terminal::{escaped_markdown, escaped_markdown_code},
@@ -38,7 +41,7 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
         format!("`{}` mixes outputs of the experts; a recipe needs a merger of weights", recipe.merger.name)
     })?;
     let base = beside(&args.recipe, &recipe.base);
-    let prior = networks::load(&registries.backbones, &base.to_string_lossy())?;
+    let prior = NamedNetwork::load(&registries.backbones, &base.to_string_lossy())?;
     let mut files: Vec<(String, ExpertFile)> = Vec::new();
     for (model, _) in &recipe.models {
         let file = expert(&args.recipe, model)?;

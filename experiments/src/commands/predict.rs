@@ -2,7 +2,7 @@
 
 use std::{io::Write, sync::Arc};
 
-use advsage::Registries;
+use advsage::{Registries, weights::NamedNetwork};
 use anyhow::{Context as _, Result};
 use sage_backbones::{
     candidates::Sampling,
@@ -36,7 +36,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     for warning in checks::important(&recording.scene) {
         progress::say(&format!("warning: {warning}"));
     }
-    let loaded = networks::load(&registries.backbones, &args.weights)?;
+    let loaded = NamedNetwork::load(&registries.backbones, &args.weights)?;
     networks::announce(&loaded);
     let mut scene = recording.scene;
     let target = match &args.agent {

@@ -4,7 +4,7 @@ mod curve;
 
 use std::time::{Duration, Instant};
 
-use advsage::Registries;
+use advsage::{Registries, weights::NamedNetwork};
 use anyhow::{Context as _, Result};
 use sage_backbones::{
     Backbone,
@@ -13,7 +13,7 @@ use sage_backbones::{
     weights::PRIOR_FILE,
 };
 use sage_run::{
-    Outcome, input, networks,
+    Outcome, input,
     output::{self, Folder, Producer, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
@@ -50,7 +50,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     let given = serde_json::from_str(given).with_context(|| format!("--network: `{given}` is not JSON"))?;
     let mut network = registries.backbones.build(&args.backbone, &given)?;
     if let Some(from) = &args.from {
-        let loaded = networks::load(&registries.backbones, from)?;
+        let loaded = NamedNetwork::load(&registries.backbones, from)?;
         let parameters = loaded.network.parameters().clone();
         network = network.load_parameters(parameters, &format!("weights `{from}`"))?;
     }

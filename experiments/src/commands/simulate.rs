@@ -77,7 +77,6 @@ impl<'a> Job<'a> {
     fn new(args: &'a SimulateArgs, registries: &Registries) -> Result<Self> {
         let parts = drivers(args);
         let egos = Ego::all(&parts, registries)?;
-        progress::say_notes(&egos);
         let (attacked, subtitle) = match (&args.method, &args.attack) {
             (Some(method), _) => {
                 let generator = networks::build_generator(args.options.spec(Some(method))?, registries)?;

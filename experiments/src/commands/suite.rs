@@ -12,7 +12,7 @@ use advsage::{
         search::{SceneRow, failure_name},
     },
 };
-use anyhow::{Context as _, Result, anyhow, ensure};
+use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
 use sage_data::{Format, Recording, dataset, openscenario::Options};
 use sage_run::{
@@ -134,7 +134,7 @@ pub(crate) fn run(args: &SuiteArgs, registries: &Registries) -> Result<Outcome> 
         // An earlier version searched.
         suite.suite = 1;
     }
-    suite.check().map_err(|problem| anyhow!(problem))?;
+    suite.check()?;
     if args.format.has(Format::Pickle) {
         dataset::write_tables(folder.path())?;
     }

@@ -37,7 +37,6 @@ type Earlier = HashMap<(String, String), TestResult>;
 
 pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
-    progress::say_notes(std::slice::from_ref(&ego));
     let suite = read(&args.suite)?;
     let ego = Ego { fault: suite.fault, ..ego.with_references(&suite.references, registries)? };
     if suite.suite < VERSION && (args.strict || args.comfort) {

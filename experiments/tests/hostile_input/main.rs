@@ -21,7 +21,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use sage_core::content_hash::split_hash;
+use sage_core::content_hash::{HashedTensor, content_hash, split_hash, with_hash};
 use serde_json::{Map, Value};
 
 /// A run that must not take long or much; the exit code and what it said.
@@ -51,19 +51,33 @@ fn experts(folder: &Path) -> PathBuf {
     experts
 }
 
-/// Changes the header of weights or of a policy, and takes its hash away.
+/// Changes the header of weights or of a policy, with the hash of the content as it is now.
 fn change_header(file: &Path, change: impl FnOnce(&mut Map<String, Value>)) {
     let bytes = std::fs::read(file).unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let mut header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    let mut tensors = header.as_object().unwrap().clone();
+    tensors.remove("__metadata__");
     let metadata = header["__metadata__"].as_object_mut().unwrap();
     let (_, text) = metadata.iter_mut().next().unwrap();
     let (json, _) = split_hash(text.as_str().unwrap());
     let mut fields: Map<String, Value> = serde_json::from_str(&json).unwrap();
     change(&mut fields);
-    *text = Value::Object(fields).to_string().into();
+    let json = Value::Object(fields).to_string();
+    let data = &bytes[8 + length..];
+    let hash =
+        content_hash(&json, tensors.iter().map(|(name, tensor)| (name.as_str(), hashed(tensor, data))));
+    *text = with_hash(&json, &hash).into();
     let mut header = header.to_string();
     header.extend(std::iter::repeat_n(' ', header.len().next_multiple_of(8) - header.len()));
-    let changed = [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &bytes[8 + length..]].concat();
+    let changed = [&(header.len() as u64).to_le_bytes(), header.as_bytes(), data].concat();
     std::fs::write(file, changed).unwrap();
+}
+
+/// A tensor of a file, from its entry in the header.
+fn hashed<'a>(tensor: &Value, data: &'a [u8]) -> HashedTensor<'a> {
+    let numbers = |key: &str| serde_json::from_value::<Vec<usize>>(tensor[key].clone()).unwrap();
+    let [start, end] = *numbers("data_offsets") else { panic!("{tensor}") };
+    let dtype = tensor["dtype"].as_str().unwrap().to_owned();
+    HashedTensor { dtype, shape: numbers("shape"), bytes: &data[start..end] }
 }

@@ -35,24 +35,15 @@ pub struct Header {
     /// Its options.
     pub options: Value,
     /// Seed of the order of training.
-    #[serde(default)]
     pub seed: u64,
     /// What it was trained on: scenes and their hash.
-    #[serde(default)]
     pub data: String,
     /// The command that trained it.
-    #[serde(default)]
     pub command: String,
     /// Licence and notice.
-    #[serde(default)]
     pub license: String,
     /// Further notes by name.
-    #[serde(default)]
     pub notes: BTreeMap<String, String>,
-    /// Whether the file that it was read from held a hash of its content, which was checked. Files of earlier versions
-    /// hold none.
-    #[serde(skip)]
-    pub is_hashed: bool,
 }
 
 impl Parameters {
@@ -78,7 +69,7 @@ impl Parameters {
 
     /// Reads the bytes of [`Parameters::to_bytes`]; `path` is for messages.
     ///
-    /// *Errors*: [`Error::NoNetwork`]; [`Error::Format`], also for content that does not match its hash, and for a
+    /// *Errors*: [`Error::NoNetwork`]; [`Error::Format`], also for content that does not match its hash or has none, and for a
     /// number that is not finite, with its tensor.
     pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<(Self, Header), Error> {
         let fail = |problem: String| Error::Format { path: path.to_owned(), problem };
@@ -99,7 +90,7 @@ impl Parameters {
             let dtype = format!("{:?}", view.dtype());
             (name, HashedTensor { dtype, shape: view.shape().to_vec(), bytes: view.data() })
         });
-        let (json, is_hashed) = check_hash(json, hashed).map_err(|e| fail(format!("cannot be used: {e}")))?;
+        let json = check_hash(json, hashed).map_err(|e| fail(format!("cannot be used: {e}")))?;
         let header: Header =
             serde_json::from_str(&json).map_err(|e| fail(format!("has a broken `sage` header: {e}")))?;
         let mut parameters = Self::default();
@@ -113,7 +104,7 @@ impl Parameters {
             let tensor = tensor.map_err(of_type)?;
             parameters.insert(name, tensor.reshape(view.shape())?);
         }
-        Ok((parameters, Header { is_hashed, ..header }))
+        Ok((parameters, header))
     }
 
     /// Writes the file completely or not at all; replaces an existing file.

@@ -1,8 +1,7 @@
 //! Mirror images about the x axis of the curve's frame: what a policy learns on one side of the road holds on the other.
 
-use crate::goose::networks::{ACTION, Features, REST};
-
 use super::{curve::CONTROL_POINTS, features::NUMBERS};
+use crate::goose::networks::{ACTION, Features, REST};
 
 /// Numbers of an agent that change their sign: positions and velocities to the left, and headings.
 const OF_AGENT: [usize; 3] = [1, 3, 4];

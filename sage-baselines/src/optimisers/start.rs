@@ -8,9 +8,8 @@ use sage_core::{
     registry::Entry,
     scene::Track,
 };
-use serde::{Deserialize, Serialize};
-
 use sage_generators::proposers::{MixedExperts, Prior};
+use serde::{Deserialize, Serialize};
 
 /// Where a search begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

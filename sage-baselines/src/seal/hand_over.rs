@@ -5,7 +5,6 @@ use sage_core::{
     motion::NOW,
     objective::Context,
 };
-
 use sage_generators::selector::{STRIDE, boxes, edges_cross};
 
 /// Step, from 0, at which a plan hits the ego's path among every fifth one: the first at which edges of the boxes cross, else

@@ -1,6 +1,6 @@
 //! A value over the plane of two coordinates as coloured cells, with marked points.
 
-use anyhow::{Result, anyhow};
+use crate::{Error, Result};
 use plotters::prelude::*;
 
 /// Size of a picture, pixels.
@@ -27,7 +27,7 @@ pub struct Grid<'a> {
 /// *Errors*: those of the drawing library.
 pub fn draw(grid: &Grid) -> Result<String> {
     let mut svg = String::new();
-    plot(&mut svg, grid).map_err(|e| anyhow!("the map cannot be drawn: {e}"))?;
+    plot(&mut svg, grid).map_err(|e| Error::Value(format!("the map cannot be drawn: {e}")))?;
     Ok(svg)
 }
 

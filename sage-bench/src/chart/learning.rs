@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context as _, Result};
-
 use super::line::{Chart, Line};
+use crate::{
+    Result,
+    context::{Context as _, foreign},
+};
 
 /// File with the curves of a training.
 pub const CURVES: &str = "curves.csv";
@@ -37,15 +39,16 @@ type Curves = BTreeMap<(usize, String), Vec<[f64; 2]>>;
 /// Means over seeds at each step.
 fn curves(text: &str) -> Result<Curves> {
     let mut reader = csv::Reader::from_reader(text.as_bytes());
-    let heads = reader.headers()?.clone();
+    let heads = reader.headers().map_err(foreign)?.clone();
     let column = |name: &str| {
         heads.iter().position(|head| head == name).with_context(|| format!("there is no column `{name}`"))
     };
     let (step, kind) = (column("step")?, column("scenes")?);
     let mut sums: BTreeMap<(usize, String), BTreeMap<u64, [f64; 2]>> = BTreeMap::new();
     for row in reader.records() {
-        let row = row?;
-        let at: u64 = row[step].parse().with_context(|| format!("`{}` is no step", &row[step]))?;
+        let row = row.map_err(foreign)?;
+        let at: u64 =
+            row[step].parse().map_err(foreign).with_context(|| format!("`{}` is no step", &row[step]))?;
         for (k, name) in DRAWN.iter().enumerate() {
             // A column is empty where nothing was measured.
             let value = row[column(name)?].parse::<f64>().ok().filter(|x| x.is_finite());

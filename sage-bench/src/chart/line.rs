@@ -2,13 +2,13 @@
 
 use std::ops::Range;
 
-use anyhow::{Result, anyhow};
 use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
 
 use super::tick;
+use crate::{Error, Result};
 
 /// Size of a picture, pixels.
 const SIZE: (u32, u32) = (760, 520);
@@ -83,7 +83,7 @@ impl Chart<'_> {
         let mut svg = String::new();
         let placed = |lines: &[Line]| lines.iter().map(|line| self.placed(line)).collect::<Vec<_>>();
         self.plot(&mut svg, &placed(&self.lines), &placed(&self.dots))
-            .map_err(|e| anyhow!("the chart cannot be drawn: {e}"))?;
+            .map_err(|e| Error::Value(format!("the chart cannot be drawn: {e}")))?;
         Ok(svg)
     }
 

@@ -1,9 +1,9 @@
 //! Values over the mixtures of three experts: a triangle of coloured cells, an expert at each corner.
 
-use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 
 use super::heat_map::colour;
+use crate::{Error, Result};
 
 /// Width of one triangle and height of the picture, pixels.
 const WIDTH: u32 = 380;
@@ -33,7 +33,8 @@ pub fn mixtures(steps: u32) -> Vec<[f64; 3]> {
 /// *Errors*: those of the drawing library.
 pub fn draw(corners: [&str; 3], steps: u32, triangles: &[Triangle]) -> Result<String> {
     let mut svg = String::new();
-    plot(&mut svg, corners, steps, triangles).map_err(|e| anyhow!("the triangles cannot be drawn: {e}"))?;
+    plot(&mut svg, corners, steps, triangles)
+        .map_err(|e| Error::Value(format!("the triangles cannot be drawn: {e}")))?;
     Ok(svg)
 }
 

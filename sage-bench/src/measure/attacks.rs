@@ -6,7 +6,6 @@ mod slots;
 use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
 
 use advsage::{ego::Ego, generators::Against, latest_start, prepared};
-use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
     generator::Attack,
@@ -31,7 +30,7 @@ use super::{
     is_contact_now,
 };
 use crate::{
-    Registries,
+    Error, Registries, Result, in_one_line,
     rows::{Cell, Key, Subject},
     study::{PlannedAgainst, Study},
 };
@@ -187,7 +186,7 @@ impl Attacks {
         result: &mut SceneResult,
     ) {
         let test = driver.map(|(ego, simulated)| -> Result<(AttackTest<'_>, SceneData)> {
-            let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
+            let simulated = simulated.as_ref().map_err(|error| Error::Value(error.to_string()))?;
             let test = AttackTest::new(&*ego.policy, simulated, self.seed)?;
             let (name, index) = (data.name.clone(), data.index.clone());
             let recorded = SceneData { name, scene: test.scene_as_driven(), index };
@@ -197,7 +196,7 @@ impl Attacks {
             Ok(test) => test,
             Err(error) => {
                 let keys = self.keys_of(|slot| slot.ego() == number);
-                result.cells.extend(keys.map(|key| Cell::failed(key, format!("{error:#}"))));
+                result.cells.extend(keys.map(|key| Cell::failed(key, in_one_line(&error))));
                 return;
             }
         };
@@ -247,11 +246,11 @@ impl Attacks {
         test: Option<&AttackTest>,
         result: &mut SceneResult,
     ) {
-        let known = prepared.as_ref().map_err(|error| anyhow!("{error:#}"));
+        let known = prepared.as_ref().map_err(|error| Error::Value(in_one_line(error)));
         match known.and_then(|prepared| self.of_generator(by, prepared, test)) {
             Ok(cells) => result.cells.extend(cells),
             Err(error) => {
-                let reason = format!("{error:#}");
+                let reason = in_one_line(&error);
                 let mut keys = self.keys_of(|slot| slot.source() == Some(by));
                 let is_left_out = prepared.as_ref().is_err_and(is_contact_now) || is_contact_now(&error);
                 if is_left_out {

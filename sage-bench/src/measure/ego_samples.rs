@@ -4,7 +4,7 @@
 //! without seeing the attack, and there are few of them. That all touch the adversary does not mean that a driver who
 //! brakes or steers must.
 
-use anyhow::Result;
+use crate::Result;
 use sage_backbones::{
     Backbone,
     candidates::Sampling,

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use advsage::{ego::Ego, generators::BuiltGenerator, operating_point::OperatingPointSpec};
-use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{
     files,
     metric::{Metric, MetricInfo},
@@ -23,7 +22,8 @@ use serde_json::{Value, json};
 
 use super::{Group, Measurement, SceneResult, cell, infos};
 use crate::{
-    Registries,
+    Error, Registries, Result,
+    context::{Context as _, require},
     rows::{Cell, Key, Subject},
     study::Study,
 };
@@ -61,7 +61,9 @@ impl Episodes {
         for entry in &study.runs {
             let (name, folder) =
                 entry.split_once('=').with_context(|| format!("run `{entry}` is not NAME=FOLDER"))?;
-            ensure!(candidates.iter().all(|c: &Candidate| c.arm != name), "the run `{name}` is given twice");
+            require(candidates.iter().all(|c: &Candidate| c.arm != name), || {
+                format!("the run `{name}` is given twice")
+            })?;
             candidates.extend(of_run(name, folder.as_ref())?);
         }
         for ego in egos {
@@ -80,15 +82,17 @@ impl Episodes {
                 identity: json!([UNTRAINED, seed]),
             });
         }
-        ensure!(!candidates.is_empty(), "no policies; `runs` and `ego` name none");
+        require(!candidates.is_empty(), || "no policies; `runs` and `ego` name none")?;
         let Ok([group]) = <[Group; 1]>::try_from(groups) else {
-            bail!("episodes are attacked with one merger and one set of weights")
+            return Err(Error::Value(
+                "episodes are attacked with one merger and one set of weights".to_owned(),
+            ));
         };
         let is_whole = |point: &OperatingPointSpec| point.lambda == Some(1.0) && point.mu == 1.0;
-        ensure!(
+        require(
             group.points.iter().all(is_whole),
-            "episodes are attacked at lambda 1; leave other points out"
-        );
+            || "episodes are attacked at lambda 1; leave other points out",
+        )?;
         let generators = group.built;
         let listed = study.metrics.get(&Subject::Episode).cloned().unwrap_or_default();
         let mut keys = Vec::new();
@@ -130,7 +134,7 @@ fn of_run(name: &str, folder: &Path) -> Result<Vec<Candidate>> {
             policies.filter_map(|file| Some((number(&file, "policy-", ".safetensors")?, file))).collect();
         policies.sort();
         for (step, file) in policies {
-            let (network, card) = read_policy(&file).map_err(|problem| anyhow!(problem))?;
+            let (network, card) = read_policy(&file)?;
             let bytes = files::read(&file, MAX_POLICY)?;
             all.push(Candidate {
                 arm: name.to_owned(),
@@ -142,10 +146,10 @@ fn of_run(name: &str, folder: &Path) -> Result<Vec<Candidate>> {
         }
     }
     if all.is_empty() {
-        bail!(
+        return Err(Error::Value(format!(
             "`{}` holds no policies of finished seeds; expected `seed-0/policy-….safetensors`",
             folder.display()
-        );
+        )));
     }
     Ok(all)
 }

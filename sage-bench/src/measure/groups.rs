@@ -8,12 +8,17 @@ use advsage::{
     part::Part,
     selection::Selection,
 };
-use anyhow::{Context as _, Result, bail, ensure};
 use sage_backbones::Backbone;
 use sage_generators::{Aggression, GeneratorInputs};
 use sage_merging::{ExpertSet, Merger};
 
-use crate::{Registries, chart::triangle::mixtures, rows::Subject, study::Study};
+use crate::{
+    Error, Registries, Result,
+    chart::triangle::mixtures,
+    context::{Context as _, require},
+    rows::Subject,
+    study::Study,
+};
 
 /// Where a study gets its experts from.
 pub trait ExpertSource {
@@ -98,12 +103,9 @@ impl Group {
         let arms: Vec<&str> =
             named.iter().map(|(arm, folder)| if arm.is_empty() { folder } else { arm }).copied().collect();
         let has_several = arms.iter().any(|arm| *arm != arms[0]);
-        let mergers: Vec<Part> = study
-            .merger
-            .iter()
-            .map(|text| text.parse().map_err(anyhow::Error::msg))
-            .collect::<Result<_>>()?;
-        ensure!(!mergers.is_empty() && !named.is_empty(), "`merger` and `weights` must name something");
+        let mergers: Vec<Part> =
+            study.merger.iter().map(|text| text.parse().map_err(Error::Value)).collect::<Result<_>>()?;
+        require(!mergers.is_empty() && !named.is_empty(), || "`merger` and `weights` must name something")?;
         let mut groups = Vec::new();
         for (k, (arm, folder)) in named.iter().enumerate() {
             let experts = source.experts(folder)?;
@@ -161,7 +163,8 @@ fn points(
         let mix =
             axis.shares.iter().flat_map(|y| axis.shares.iter().map(move |x| Mix(named(y, x)))).collect();
         let plane = OperatingPoints { mix, mu: study.mu, ..OperatingPoints::default() };
-        points.extend(plane.specs(range, || bail!("a plane has no aggression"))?);
+        points
+            .extend(plane.specs(range, || return Err(Error::Value("a plane has no aggression".to_owned())))?);
     }
     Ok(points)
 }
@@ -179,12 +182,13 @@ fn built(
     let largest_mu: Vec<OperatingPointSpec> =
         points.iter().max_by(|a, b| a.mu.total_cmp(&b.mu)).into_iter().cloned().collect();
     let build = |text: &String| {
-        let part: Part = text.parse().map_err(anyhow::Error::msg)?;
+        let part: Part = text.parse().map_err(Error::Value)?;
         let facts = generators.facts(&part)?;
-        ensure!(
-            !points.is_empty() || !facts.uses_operating_point(),
-            "generator `{text}`: the study has no operating point; give `lambda`, `aggression` or `mix`"
-        );
+        require(!points.is_empty() || !facts.uses_operating_point(), || {
+            format!(
+                "generator `{text}`: the study has no operating point; give `lambda`, `aggression` or `mix`"
+            )
+        })?;
         generators
             .build(&part, if facts.is_upper_bound { &largest_mu } else { points })
             .with_context(|| format!("generator `{text}`"))

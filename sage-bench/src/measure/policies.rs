@@ -2,7 +2,6 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use anyhow::{Context as _, Result, anyhow};
 use sage_backbones::{
     MotionModel,
     metrics::{PolicyMeasures, with_rewards},
@@ -17,7 +16,9 @@ use serde_json::json;
 
 use super::{ByPrior, Group, Measurement, SceneResult, cell, infos};
 use crate::{
-    Registries,
+    Error, Registries, Result,
+    context::Context as _,
+    in_one_line,
     rows::{Cell, Key, Subject},
     study::Study,
 };
@@ -129,13 +130,13 @@ impl Measurement for Policies {
         for of in &self.groups {
             let prepared = all.get(&of.group, |prior| -> Result<PreparedScene> {
                 let prepared = PreparedScene::new(prior, data, false, &self.measures)?;
-                prepared.context("the scene cannot be attacked")
+                prepared.with_context(|| "the scene cannot be attacked")
             });
-            let prepared = prepared.as_ref().map_err(|error| anyhow!("{error:#}"));
+            let prepared = prepared.as_ref().map_err(|error| Error::Value(in_one_line(error)));
             match prepared.and_then(|prepared| self.of_group(prepared, of)) {
                 Ok(cells) => result.cells.extend(cells),
                 Err(error) => {
-                    let failed = |k| Cell::failed(of.first + k, format!("{error:#}"));
+                    let failed = |k| Cell::failed(of.first + k, in_one_line(&error));
                     result.cells.extend((0..of.models.len()).map(failed));
                 }
             }

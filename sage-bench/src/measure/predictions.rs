@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
 use sage_backbones::{
     Backbone,
     candidates::Sampling,
@@ -21,7 +20,7 @@ use sage_core::{
 
 use super::{ExpertSource, Measurement, SceneResult, cell, infos};
 use crate::{
-    Registries,
+    Registries, Result, in_one_line,
     rows::{Cell, Key, Subject},
     study::Study,
 };
@@ -230,7 +229,7 @@ impl Measurement for Predictions {
                 Ok(cells) => result.cells.extend(cells),
                 Err(error) => {
                     let first = number * KS.len();
-                    let failed = |k| Cell::failed(first + k, format!("{error:#}"));
+                    let failed = |k| Cell::failed(first + k, in_one_line(&error));
                     result.cells.extend((0..KS.len()).map(failed));
                 }
             }

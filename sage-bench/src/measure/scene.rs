@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use crate::Result;
 use sage_backbones::{Backbone, backbone::finite, features::Frame};
 use sage_core::{
     generator::Attack,

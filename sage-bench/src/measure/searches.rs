@@ -10,7 +10,6 @@ use advsage::{
     search::{ONE_SHOT, POOL, PlanSources},
     selection::Selection,
 };
-use anyhow::{Context as _, Result, anyhow, ensure};
 use sage_core::{
     generator::Proposal,
     metric::{Metric, MetricInfo},
@@ -27,7 +26,9 @@ use serde_json::Value;
 
 use super::{Group, Measurement, SceneResult, cell, driver_in_scene, infos, is_contact_now};
 use crate::{
-    Registries,
+    Error, Registries, Result,
+    context::{Context as _, require},
+    in_one_line,
     rows::{Cell, Key, Subject},
     study::Study,
 };
@@ -97,7 +98,7 @@ impl Searches {
                 options,
             };
             for text in study.method.iter().filter(|_| study.measures(Subject::Search)) {
-                let part: Part = text.parse().map_err(anyhow::Error::msg)?;
+                let part: Part = text.parse().map_err(Error::Value)?;
                 let built = match &*part.name {
                     POOL => {
                         let own: PoolOptions = serde_json::from_value(Value::Object(part.options.clone()))
@@ -124,12 +125,13 @@ impl Searches {
             if study.measures(Subject::Threshold) {
                 let lambdas: Option<Vec<f64>> = group.points.iter().map(|point| point.lambda).collect();
                 let lambdas = lambdas.filter(|all| all.len() > 2 && all.windows(2).all(|p| p[0] < p[1]));
-                let lambdas = lambdas.context("thresholds need `lambda`: at least three rising values")?;
+                let lambdas =
+                    lambdas.with_context(|| "thresholds need `lambda`: at least three rising values")?;
                 let plans = PlanSources::one_shot(&selecting, &group.points)?;
                 along.push((method("sage".to_owned(), None, plans, options), lambdas));
             }
         }
-        ensure!(!methods.is_empty() || !along.is_empty(), "`method` names no plans to search");
+        require(!methods.is_empty() || !along.is_empty(), || "`method` names no plans to search")?;
         let mut all = Self {
             egos,
             methods,
@@ -180,7 +182,7 @@ impl Searches {
         let DriverInScene { test, ctx } = match driver_in_scene(ego, simulated, self.seed) {
             Ok(driver) => driver,
             Err(error) => {
-                let reason = format!("{error:#}");
+                let reason = in_one_line(&error);
                 if is_contact_now(&error) {
                     result.left_out.push(format!("{}: {reason}", ego.label));
                 } else {
@@ -190,7 +192,7 @@ impl Searches {
             }
         };
         let mut push = |key: usize, found: Result<Cell>| {
-            result.cells.push(found.unwrap_or_else(|error| Cell::failed(key, format!("{error:#}"))));
+            result.cells.push(found.unwrap_or_else(|error| Cell::failed(key, in_one_line(&error))));
         };
         for (key, method) in (first..).zip(&self.methods) {
             push(key, self.search(key, method, &test, &ctx));
@@ -204,7 +206,10 @@ impl Searches {
         let (pool, result) = method.plans.search(test, ctx, &self.rule, &method.options, self.seed)?;
         if result.reason == Some(sage_sim::search::Reason::Error) {
             let first = result.driven.iter().find_map(|evaluated| evaluated.error.clone());
-            return Err(anyhow!("every attacked drive ended in an error: {}", first.unwrap_or_default()));
+            return Err(Error::Value(format!(
+                "every attacked drive ended in an error: {}",
+                first.unwrap_or_default()
+            )));
         }
         Ok(cell(key, &self.searches, &MeasuredSearch::new(result, &pool, method.options.budget)))
     }

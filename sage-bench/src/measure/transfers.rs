@@ -11,7 +11,6 @@ use advsage::{
     search::PlanSources,
     selection::Selection,
 };
-use anyhow::{Result, bail, ensure};
 use sage_core::{
     generator::Proposal,
     metric::{Metric, MetricInfo},
@@ -25,7 +24,9 @@ use sage_sim::{
 
 use super::{Group, Measurement, SceneResult, cell, driver_in_scene, infos, is_contact_now};
 use crate::{
-    Registries,
+    Error, Registries, Result,
+    context::require,
+    in_one_line,
     rows::{Cell, Key, Subject},
     study::Study,
 };
@@ -70,7 +71,7 @@ pub struct Transfers {
 }
 
 /// An error that several results have.
-type Shared = Arc<anyhow::Error>;
+type Shared = Arc<Error>;
 /// The plan of a method against a driver: `None` if a search had no plan.
 type Made = Result<Option<Proposal>, Shared>;
 
@@ -90,9 +91,11 @@ impl Transfers {
         for group in groups {
             let with = |selection| group.generators(registries, selection, study.seed);
             for text in &study.method {
-                let part: Part = text.parse().map_err(anyhow::Error::msg)?;
+                let part: Part = text.parse().map_err(Error::Value)?;
                 let (keys, maker) = if part.name == SEARCH {
-                    ensure!(part.options.is_empty(), "`{text}`: its options are those of `search`");
+                    require(part.options.is_empty(), || {
+                        format!("`{text}`: its options are those of `search`")
+                    })?;
                     let plans = PlanSources::pool(&with(&rule), &[], MOST_PLANS)?;
                     (vec![(text.clone(), None)], Maker::Searched(plans, options))
                 } else {
@@ -104,7 +107,7 @@ impl Transfers {
                 methods.push(Method { arm, training_seed, keys, maker });
             }
         }
-        ensure!(!methods.is_empty(), "`method` names no plans");
+        require(!methods.is_empty(), || "`method` names no plans")?;
         let listed = study.metrics.get(&Subject::Transfer).cloned().unwrap_or_default();
         let mut all = Self {
             egos,
@@ -159,10 +162,10 @@ impl Transfers {
                 let (pool, result) = sources.search(test, ctx, &self.rule, options, self.seed)?;
                 if result.reason == Some(Reason::Error) {
                     let first = result.driven.iter().find_map(|drive| drive.error.clone());
-                    bail!(
+                    return Err(Error::Value(format!(
                         "every attacked drive of the search ended in an error: {}",
                         first.unwrap_or_default()
-                    );
+                    )));
                 }
                 let strongest = result.strongest();
                 Ok(strongest.map(|drive| pool.plans[drive.plan].proposal.clone()).into_iter().collect())
@@ -210,14 +213,14 @@ impl Transfers {
     }
 
     /// Notes that there is no result because of a driver: left out if it touches the adversary *now*, else failed.
-    fn not_driven(&self, error: &anyhow::Error, driver: &str, key: usize, result: &mut SceneResult) {
+    fn not_driven(&self, error: &Error, driver: &str, key: usize, result: &mut SceneResult) {
         if is_contact_now(error) {
-            let reason = format!("{driver}: {error:#}");
+            let reason = format!("{driver}: {}", in_one_line(error));
             if !result.left_out.contains(&reason) {
                 result.left_out.push(reason);
             }
         } else {
-            result.cells.push(Cell::failed(key, format!("{error:#}")));
+            result.cells.push(Cell::failed(key, in_one_line(&error)));
         }
     }
 }

@@ -1,15 +1,16 @@
 //! The charts of a study: means of two metrics over the operating points, triangles of mixtures, or planes.
 
 use advsage::operating_point::OperatingPointSpec;
-use anyhow::{Context as _, Result, bail, ensure};
 
 use super::{curves::lines, sweeps::sweeps};
 use crate::{
+    Error, Result,
     chart::{
         heat_map::{self, Grid},
         line::{Chart, Legend, Line},
         triangle::{self, Triangle, mixtures},
     },
+    context::{Context as _, require},
     published::{Published, published},
     rows::{Results, Subject},
     study::{ChartSpec, PlaneAxis, Study},
@@ -153,7 +154,9 @@ fn series(results: &Results, chart: &ChartSpec) -> Result<String> {
     let numbered = results.metrics_of(chart.of).iter().filter_map(|m| Some((number(&m.name)?, &*m.name)));
     let mut names: Vec<(f64, &str)> = numbered.collect();
     names.sort_by(|a, b| a.0.total_cmp(&b.0));
-    ensure!(!names.is_empty(), "no metric of `{}` in this study is named `{} NUMBER`", chart.of, chart.y);
+    require(!names.is_empty(), || {
+        format!("no metric of `{}` in this study is named `{} NUMBER`", chart.of, chart.y)
+    })?;
     let methods = results.methods(chart.of);
     let has_attacks = methods.iter().any(|k| results.keys[*k].attack != results.keys[methods[0]].attack);
     let mut lines: Vec<Line> = Vec::new();
@@ -187,13 +190,20 @@ fn method_at(results: &Results, chart: &ChartSpec, mix: &[(String, f64)]) -> Res
     let found: Vec<usize> = results.methods(chart.of).into_iter().filter(is_here).collect();
     match found[..] {
         [method] => Ok(method),
-        [] => bail!("a mixture of the picture was not measured"),
-        _ => bail!("the picture shows one merger, weights and generator; the study has {}", found.len()),
+        [] => return Err(Error::Value("a mixture of the picture was not measured".to_owned())),
+        _ => {
+            return Err(Error::Value(format!(
+                "the picture shows one merger, weights and generator; the study has {}",
+                found.len()
+            )));
+        }
     }
 }
 
 fn triangles(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
-    let Some(axis) = &study.triangle else { bail!("the study has no `triangle`") };
+    let Some(axis) = &study.triangle else {
+        return Err(Error::Value("the study has no `triangle`".to_owned()));
+    };
     let named = |weights: [f64; 3]| axis.experts.iter().cloned().zip(weights).collect::<Vec<_>>();
     let methods = mixtures(axis.steps).into_iter().map(|weights| method_at(results, chart, &named(weights)));
     let methods: Vec<usize> = methods.collect::<Result<_>>()?;
@@ -211,7 +221,9 @@ fn triangles(study: &Study, results: &Results, chart: &ChartSpec) -> Result<Stri
 }
 
 fn plane(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
-    let Some(PlaneAxis { experts: [a, b], shares }) = &study.plane else { bail!("the study has no `plane`") };
+    let Some(PlaneAxis { experts: [a, b], shares }) = &study.plane else {
+        return Err(Error::Value("the study has no `plane`".to_owned()));
+    };
     let value = |y: &f64, x: &f64| -> Result<f64> {
         let method = method_at(results, chart, &[(a.clone(), *x), (b.clone(), *y)])?;
         Ok(mean(results, chart, method, &chart.y)?.unwrap_or(f64::NAN))

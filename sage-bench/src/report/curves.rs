@@ -1,9 +1,10 @@
 //! Quantities of the curve of each method over its operating points.
 
-use anyhow::{Context as _, Result, ensure};
 use sage_core::{statistics::Estimate, text::table::Table};
 
 use crate::{
+    Result,
+    context::{Context as _, require},
     curve::{Curve, Path, Point, VALUES, best_lambda, hypervolume, monotone, unevenness, within},
     rows::{Key, Results, Subject},
     study::{CurveQuantity, Study},
@@ -72,12 +73,13 @@ impl Line {
         }
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
         let is_path = all.len() > 2 && all.windows(2).all(|pair| pair[0].0 < pair[1].0);
-        ensure!(
-            is_path,
-            "`above-chord` and `best-lambda` need at least three lambda, each at one point; `{}` has {}",
-            self.name,
-            all.iter().map(|(lambda, _)| lambda.to_string()).collect::<Vec<_>>().join(", "),
-        );
+        require(is_path, || {
+            format!(
+                "`above-chord` and `best-lambda` need at least three lambda, each at one point; `{}` has {}",
+                self.name,
+                all.iter().map(|(lambda, _)| lambda.to_string()).collect::<Vec<_>>().join(", ")
+            )
+        })?;
         let (lambdas, methods) = all.into_iter().unzip();
         Ok(Some((Self { name: self.name.clone(), methods }, lambdas)))
     }

@@ -1,11 +1,12 @@
 //! Differences between methods, paired by scene.
 
-use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_core::text::table::Table;
 
 use super::{name_columns, named};
 use crate::{
+    Result,
+    context::Context as _,
     rows::{Key, Results},
     study::{PairSpec, Study},
 };

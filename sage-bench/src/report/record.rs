@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use anyhow::{Context as _, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    Error, Result,
+    context::{Context as _, foreign, require},
     csv_text::csv,
     rows::{Cell, Key, MetricRecord, Results, Subject},
     study::Study,
@@ -55,7 +56,7 @@ pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
     let scenes: HashMap<String, usize> =
         record.scenes.iter().enumerate().map(|(k, name)| (sage_core::text::escaped_name(name), k)).collect();
     let mut reader = csv::Reader::from_reader(rows.as_bytes());
-    let heads = reader.headers()?.clone();
+    let heads = reader.headers().map_err(foreign)?.clone();
     let column = |name: &str| {
         heads.iter().position(|head| head == name).with_context(|| format!("no column `{name}`"))
     };
@@ -64,10 +65,10 @@ pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
     let [scene, agent, metric, value, note, error, key] =
         [scene?, agent?, metric?, value?, note?, error?, key?];
     for (number, row) in reader.records().enumerate() {
-        let row = row?;
+        let row = row.map_err(foreign)?;
         let at = || format!("row {}", number + 2);
-        let key: usize = row[key].parse().with_context(at)?;
-        ensure!(key < results.keys.len(), "{}: key {key} is not in the record", at());
+        let key: usize = row[key].parse().map_err(foreign).with_context(at)?;
+        require(key < results.keys.len(), || format!("{}: key {key} is not in the record", at()))?;
         let scene = *scenes
             .get(&row[scene])
             .with_context(|| format!("{}: scene `{}` is not in the record", at(), &row[scene]))?;
@@ -92,7 +93,7 @@ pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
         }
         let Some(cell) = cells.last_mut() else { continue };
         if !row[value].is_empty() {
-            cell.values[number] = Some(row[value].parse().with_context(at)?);
+            cell.values[number] = Some(row[value].parse().map_err(foreign).with_context(at)?);
         }
         if !row[note].is_empty() {
             cell.notes.push((number, row[note].to_owned()));
@@ -105,14 +106,12 @@ pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
 ///
 /// *Errors*: folders of different studies, or a scene that is in two of them.
 pub fn join(all: Vec<(StudyRecord, Results)>) -> Result<(StudyRecord, Results)> {
-    let Some((first, _)) = all.first() else { bail!("no folder is given") };
+    let Some((first, _)) = all.first() else { return Err(Error::Value("no folder is given".to_owned())) };
     let (keys, metrics, study) = (first.keys.clone(), first.metrics.clone(), first.study.clone());
     for (k, (record, _)) in all.iter().enumerate() {
-        ensure!(
-            record.keys == keys && record.metrics == metrics,
-            "folder {} is of other methods or metrics than folder 1",
-            k + 1
-        );
+        require(record.keys == keys && record.metrics == metrics, || {
+            format!("folder {} is of other methods or metrics than folder 1", k + 1)
+        })?;
     }
     let mut joined = Results { study: study.study.clone(), keys, metrics, ..Results::default() };
     for (_, results) in all {
@@ -122,7 +121,7 @@ pub fn join(all: Vec<(StudyRecord, Results)>) -> Result<(StudyRecord, Results)> 
     let mut names: Vec<&String> = joined.scenes.iter().collect();
     names.sort();
     if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-        bail!("scene `{}` is in two folders", twice[0]);
+        return Err(Error::Value(format!("scene `{}` is in two folders", twice[0])));
     }
     Ok((StudyRecord::new(&study, &joined), joined))
 }

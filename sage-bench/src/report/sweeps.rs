@@ -2,10 +2,11 @@
 //! of μ in the whole change.
 
 use advsage::operating_point::OperatingPointSpec;
-use anyhow::{Context as _, Result};
 use sage_core::{statistics::rank_correlation, text::table::Table};
 
 use crate::{
+    Result,
+    context::Context as _,
     curve::{Linearity, shapley_of_lambda},
     rows::{Results, Subject},
 };

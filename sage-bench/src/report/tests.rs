@@ -1,10 +1,11 @@
 //! Tests of expected differences between arms: t tests over seeds and scenes (a bootstrap of scenes with one seed), corrected by
 //! Holm's method within a family.
 
-use anyhow::{Context as _, Result};
 use sage_core::text::table::Table;
 
 use crate::{
+    Result,
+    context::Context as _,
     estimate::{Difference, holm},
     rows::{Results, Subject},
     study::{Family, Study},

@@ -1,6 +1,5 @@
 //! Verdicts on published numbers: the study's own less the paper's, and the paper's orderings of methods.
 
-use anyhow::Result;
 use sage_core::{
     metric::Aggregate,
     statistics::{Estimate, wilson},
@@ -9,6 +8,7 @@ use sage_core::{
 
 use super::{Estimates, cell, name_columns, named};
 use crate::{
+    Result,
     published::{Published, published},
     rows::{Key, Results, Subject},
     study::{Study, VerdictSpec},

@@ -89,19 +89,14 @@ pub struct Key {
     /// What is compared besides generators and operating points: a driver, a merger, weights, a predictor.
     pub arm: String,
     /// Seed of the training of a policy or of experts.
-    #[serde(default)]
     pub training_seed: Option<u64>,
     /// Update at which a trained policy was stored.
-    #[serde(default)]
     pub checkpoint: Option<u64>,
     /// Generator with its options; empty without attack.
-    #[serde(default)]
     pub attack: String,
     /// Operating point; none if nothing depends on one.
-    #[serde(default)]
     pub point: Option<OperatingPointSpec>,
     /// What is aimed at or varied further, such as the latest start, s.
-    #[serde(default)]
     pub target: Option<f64>,
     /// Driver that the plan was made against, in a study of transfer, whose arms are the tested drivers; empty in others.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -109,7 +104,6 @@ pub struct Key {
     /// Seed of random numbers.
     pub seed: u64,
     /// What the generator knows beyond *now*, or what the driver knows; empty for nothing.
-    #[serde(default)]
     pub knows: String,
 }
 

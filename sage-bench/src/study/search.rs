@@ -1,10 +1,10 @@
 //! The searches of a study.
 
 use advsage::{part::Part, search::rule, selection::Selection};
-use anyhow::Result;
 use sage_sim::search::SearchOptions;
 
 use super::Study;
+use crate::{Error, Result};
 
 impl Study {
     /// The rule and the options of its searches.
@@ -12,7 +12,7 @@ impl Study {
     /// *Errors*: as [`rule`].
     pub fn searches(&self, registries: &advsage::Registries) -> Result<(Selection, SearchOptions)> {
         let feasibility =
-            self.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(anyhow::Error::msg)?;
+            self.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(Error::Value)?;
         let avoidable = self.avoidable.unwrap_or(self.search.avoidable);
         Ok((rule(registries, feasibility.as_ref())?, SearchOptions { avoidable, ..self.search }))
     }

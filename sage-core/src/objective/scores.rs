@@ -19,7 +19,6 @@ use super::{
 };
 use crate::{
     Error,
-    motion::HORIZON,
     registry::{Entry, Registry},
 };
 
@@ -29,7 +28,6 @@ pub struct Scores {
     /// Early contact with the ego, else closeness.
     pub adversarial_reward: f64,
     /// Number of steps that are evaluated: those that are recorded, at most 80.
-    #[serde(default = "whole")]
     pub horizon: usize,
     /// Whether ego and adversary touch; `None` if they overlap *now*, where contact is not measured.
     pub collision: Option<bool>,
@@ -71,11 +69,6 @@ pub struct Scores {
     /// Violations of further feasibility rules, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rules: BTreeMap<String, Vec<Violation>>,
-}
-
-/// The horizon of rows that say none.
-fn whole() -> usize {
-    HORIZON
 }
 
 /// Rewards and rules that are measured in addition to the fields of [`Scores`].

@@ -67,14 +67,6 @@ pub struct TrafficLight {
     pub states: Vec<LightState>,
 }
 
-impl TrafficLight {
-    /// Whether two lights are the same without flashing: earlier native files did not store it.
-    pub fn is_same_steady(&self, other: &Self) -> bool {
-        let steady = |light: &Self| light.states.iter().map(|state| state.steady()).collect::<Vec<_>>();
-        (&self.lane, self.stop_point) == (&other.lane, other.stop_point) && steady(self) == steady(other)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,8 +96,5 @@ mod tests {
         for state in [LightState::Unknown, LightState::Stop, LightState::Caution, LightState::Go] {
             assert_eq!(state.steady(), state);
         }
-        let light = |state| TrafficLight { lane: "a".to_owned(), stop_point: None, states: vec![state] };
-        assert!(light(flashing).is_same_steady(&light(LightState::Stop)));
-        assert!(!light(flashing).is_same_steady(&light(LightState::Go)));
     }
 }

@@ -41,9 +41,7 @@ pub(crate) fn write_changes<'s>(
     if names(scene) != names(read) || scene.frames != read.frames {
         return Err(refuse("tracks", "other tracks or another number of frames"));
     }
-    let same_lights = scene.lights.len() == read.lights.len()
-        && scene.lights.iter().zip(&read.lights).all(|(light, other)| light.is_same_steady(other));
-    if scene.map != read.map || !same_lights {
+    if scene.map != read.map || scene.lights != read.lights {
         return Err(refuse("map_features", "another map"));
     }
     let pairs = || scene.tracks.iter().zip(&read.tracks).filter(|(changed, read)| changed != read);

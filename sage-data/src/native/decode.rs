@@ -209,7 +209,7 @@ pub(crate) fn decode(bytes: &[u8], options: &ReadOptions, path: &Path) -> Result
     finished(scene, options, path)
 }
 
-/// A native scene with the options of reading. Files of earlier versions may hold another frame rate.
+/// A native scene with the options of reading.
 fn finished(scene: Scene, options: &ReadOptions, path: &Path) -> Result<Scene, Error> {
     let (adversary, origin, count) = (scene.adversary, scene.adversary_origin, scene.tracks.len());
     let is_named = |k: &usize| {
@@ -333,7 +333,7 @@ fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
             Link::Boundary(side) => lane.boundaries[side].push(Boundary { feature: other, own: own_range }),
         }
     }
-    // Files of earlier versions have the order of their source.
+    // Another program may write another order.
     Ok(map.in_order_of_ids())
 }
 

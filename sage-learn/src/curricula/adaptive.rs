@@ -7,7 +7,6 @@ use sage_core::{
     registry::{Entry, NoOptions},
     seed::Rng,
 };
-
 use sage_sim::curriculum::{Curriculum, INTENSITIES, Progress};
 
 /// Weight of an intensity with a success rate of 0 or 1.

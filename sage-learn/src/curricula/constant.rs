@@ -1,9 +1,8 @@
 //! No curriculum: the same intensity and share of attacks in the whole training.
 
 use sage_core::{registry::Entry, seed::Rng};
-use serde::{Deserialize, Serialize};
-
 use sage_sim::curriculum::{Curriculum, Progress};
+use serde::{Deserialize, Serialize};
 
 use super::check_share;
 

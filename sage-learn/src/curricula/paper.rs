@@ -2,9 +2,8 @@
 //! its first half.
 
 use sage_core::{registry::Entry, seed::Rng};
-use serde::{Deserialize, Serialize};
-
 use sage_sim::curriculum::{Curriculum, Progress};
+use serde::{Deserialize, Serialize};
 
 use super::check_share;
 

@@ -5,7 +5,6 @@ use sage_core::{
     registry::{Entry, NoOptions},
     seed::Rng,
 };
-
 use sage_sim::curriculum::{Curriculum, Progress};
 
 /// The curriculum `release`.

@@ -13,7 +13,10 @@
 use std::f64::consts::TAU;
 
 use sage_core::seed::Rng;
-use sage_sim::actor::{Network, Shape};
+use sage_sim::{
+    Error,
+    actor::{Network, Shape},
+};
 
 use super::{
     super::{
@@ -107,12 +110,12 @@ impl<T: Real> ActorCritic<T> {
     /// Networks with orthogonal initial weights for an observation and an action size.
     ///
     /// *Errors*: as [`PpoOptions::check`]; a size of 0.
-    pub fn new(options: PpoOptions, [observation, action]: [usize; 2], seed: u64) -> Result<Self, String> {
+    pub fn new(options: PpoOptions, [observation, action]: [usize; 2], seed: u64) -> Result<Self, Error> {
         options.check()?;
         if observation == 0 || action == 0 {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "{observation} observations and {action} actions; expected at least one of each"
-            ));
+            )));
         }
         let network = |purpose, outputs, last| {
             let shape = Shape { inputs: observation, hidden: options.hidden, outputs };

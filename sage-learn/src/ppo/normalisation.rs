@@ -1,9 +1,9 @@
 //! Running mean and deviation of the observations, and of the size of returns.
 
+use sage_sim::actor::Network;
 use serde::{Deserialize, Serialize};
 
 use super::super::kernels::Real;
-use sage_sim::actor::Network;
 
 /// Least deviation of an observation: numbers that hardly change are not blown up.
 const LEAST_DEVIATION: f64 = 0.02;

@@ -1,8 +1,7 @@
 //! Options of PPO.
 
+use sage_sim::{Error, actor::is_zero};
 use serde::{Deserialize, Serialize};
-
-use sage_sim::actor::is_zero;
 
 /// Options of PPO; the defaults were chosen on this simulation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,7 +81,7 @@ impl PpoOptions {
     /// Checks all numbers.
     ///
     /// *Errors*: the name and value of an option that is out of range, and what is expected.
-    pub fn check(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), Error> {
         let counts = [
             ("hidden", self.hidden[0], 4096),
             ("hidden", self.hidden[1], 4096),
@@ -94,27 +93,27 @@ impl PpoOptions {
         if let Some((name, value, limit)) =
             counts.into_iter().find(|(_, value, limit)| *value == 0 || value > limit)
         {
-            return Err(format!("`{name}` is {value}; expected a number from 1 to {limit}"));
+            return Err(Error::Value(format!("`{name}` is {value}; expected a number from 1 to {limit}")));
         }
         let batch = self.batch();
         if batch > 1 << 20 || !batch.is_multiple_of(self.minibatch) {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "`environments` times `horizon` is {batch}; expected at most {} and a multiple of `minibatch`, {}",
                 1 << 20,
                 self.minibatch
-            ));
+            )));
         }
         if self.minibatch == 1 {
-            return Err(
-                "`minibatch` is 1; expected at least 2, since advantages are compared within it".to_owned()
-            );
+            return Err(Error::Value(
+                "`minibatch` is 1; expected at least 2, since advantages are compared within it".to_owned(),
+            ));
         }
         let shares = [("gamma", self.gamma), ("gae_lambda", self.gae_lambda), ("taught", self.taught)];
         if let Some((name, value)) = shares.into_iter().find(|(_, x)| !(0.0..=1.0).contains(x)) {
-            return Err(format!("`{name}` is {value}; expected a number from 0 to 1"));
+            return Err(Error::Value(format!("`{name}` is {value}; expected a number from 0 to 1")));
         }
         if let Some(value) = self.betas.into_iter().find(|x| !(0.0..1.0).contains(x)) {
-            return Err(format!("`betas` holds {value}; expected numbers from 0 to below 1"));
+            return Err(Error::Value(format!("`betas` holds {value}; expected numbers from 0 to below 1")));
         }
         let positive = [
             ("rate", self.rate),
@@ -124,13 +123,19 @@ impl PpoOptions {
             ("deviation", self.deviation),
         ];
         if let Some((name, value)) = positive.into_iter().find(|(_, x)| !(*x > 0.0 && x.is_finite())) {
-            return Err(format!("`{name}` is {value}; expected a number above 0"));
+            return Err(Error::Value(format!("`{name}` is {value}; expected a number above 0")));
         }
         if !(0.0..1.0).contains(&self.kept) {
-            return Err(format!("`kept` is {}; expected a number from 0 to below 1", self.kept));
+            return Err(Error::Value(format!(
+                "`kept` is {}; expected a number from 0 to below 1",
+                self.kept
+            )));
         }
         if !(self.entropy >= 0.0 && self.entropy.is_finite()) {
-            return Err(format!("`entropy` is {}; expected a number, at least 0", self.entropy));
+            return Err(Error::Value(format!(
+                "`entropy` is {}; expected a number, at least 0",
+                self.entropy
+            )));
         }
         Ok(())
     }

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use sage_sim::Error;
+
 use super::{
     super::{
         NamedTensor,
@@ -35,7 +37,7 @@ impl<T: Real> ActorCritic<T> {
     /// Sets all tensors and the number of steps.
     ///
     /// *Errors*: the name of a tensor that is missing or has another size; nothing has changed then.
-    pub fn set_tensors(&mut self, tensors: &BTreeMap<String, Vec<T>>, steps: u64) -> Result<(), String> {
+    pub fn set_tensors(&mut self, tensors: &BTreeMap<String, Vec<T>>, steps: u64) -> Result<(), Error> {
         check(&self.tensors(), tensors)?;
         for (network, trained) in [("actor", &mut self.actor), ("critic", &mut self.critic)] {
             let shape = *trained.network.shape();

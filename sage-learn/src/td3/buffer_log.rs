@@ -9,6 +9,7 @@ use std::{
 };
 
 use sage_core::files::{self, Existing};
+use sage_sim::Error;
 use serde::{Deserialize, Serialize};
 
 use super::ReplayBuffer;
@@ -85,13 +86,13 @@ impl BufferLog {
     /// Reads the newest rows of a buffer; `written` is the number of the row after the last.
     ///
     /// *Errors*: a message that names the file and what is wrong with it.
-    pub fn read(&self, buffer: &mut ReplayBuffer, written: u64, folder: &Path) -> Result<(), String> {
+    pub fn read(&self, buffer: &mut ReplayBuffer, written: u64, folder: &Path) -> Result<(), Error> {
         let row_bytes = buffer.row_bytes() as u64;
         let kept = buffer.rows_kept(written);
         buffer.restart(written, kept);
         for file in &self.0 {
             let path = folder.join(file.name());
-            let fail = |problem: String| format!("`{}`: {problem}", path.display());
+            let fail = |problem: String| Error::Value(format!("`{}`: {problem}", path.display()));
             let next = buffer.written_count();
             if file.first > next || file.end() <= next || file.end() > written {
                 let [first, end] = [file.first, file.end()];
@@ -109,10 +110,10 @@ impl BufferLog {
         }
         match buffer.written_count() {
             all if all == written => Ok(()),
-            next => Err(format!(
+            next => Err(Error::Value(format!(
                 "`{}`: the rows from {next} to {written} are missing",
                 folder.join(BUFFER).display()
-            )),
+            ))),
         }
     }
 }

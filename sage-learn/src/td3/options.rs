@@ -1,5 +1,6 @@
 //! Options of TD3.
 
+use sage_sim::Error;
 use serde::{Deserialize, Serialize};
 
 use super::super::adam::Adam;
@@ -70,7 +71,7 @@ impl Td3Options {
     /// Checks all numbers.
     ///
     /// *Errors*: the name and value of an option that is out of range, and what is expected.
-    pub fn check(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), Error> {
         let counts = [
             ("hidden", self.hidden[0].min(self.hidden[1]), self.hidden[0].max(self.hidden[1]), 4096),
             ("batch", self.batch, self.batch, 65_536),
@@ -81,14 +82,14 @@ impl Td3Options {
             counts.into_iter().find(|(_, least, most, limit)| *least == 0 || most > limit)
         {
             let value = if least == 0 { least } else { most };
-            return Err(format!("`{name}` is {value}; expected a number from 1 to {limit}"));
+            return Err(Error::Value(format!("`{name}` is {value}; expected a number from 1 to {limit}")));
         }
         let shares = [("gamma", self.gamma), ("tau", self.tau)];
         if let Some((name, value)) = shares.into_iter().find(|(_, x)| !(0.0..=1.0).contains(x)) {
-            return Err(format!("`{name}` is {value}; expected a number from 0 to 1"));
+            return Err(Error::Value(format!("`{name}` is {value}; expected a number from 0 to 1")));
         }
         if let Some(value) = self.betas.into_iter().find(|x| !(0.0..1.0).contains(x)) {
-            return Err(format!("`betas` holds {value}; expected numbers from 0 to below 1"));
+            return Err(Error::Value(format!("`betas` holds {value}; expected numbers from 0 to below 1")));
         }
         let positive = [
             ("actor_rate", self.actor_rate),
@@ -97,7 +98,7 @@ impl Td3Options {
             ("max_action", self.max_action),
         ];
         if let Some((name, value)) = positive.into_iter().find(|(_, x)| !(*x > 0.0 && x.is_finite())) {
-            return Err(format!("`{name}` is {value}; expected a number above 0"));
+            return Err(Error::Value(format!("`{name}` is {value}; expected a number above 0")));
         }
         let noises = [
             ("exploration_noise", self.exploration_noise),
@@ -105,7 +106,7 @@ impl Td3Options {
             ("noise_clip", self.noise_clip),
         ];
         if let Some((name, value)) = noises.into_iter().find(|(_, x)| !(*x >= 0.0 && x.is_finite())) {
-            return Err(format!("`{name}` is {value}; expected a number, at least 0"));
+            return Err(Error::Value(format!("`{name}` is {value}; expected a number, at least 0")));
         }
         Ok(())
     }

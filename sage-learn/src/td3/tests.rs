@@ -79,7 +79,7 @@ fn the_input_gradient_changes_nothing_of_the_training() {
 
 #[test]
 fn gradients_of_columns_that_the_observation_lacks_are_refused() {
-    let refused = |columns| learner().with_input_gradient(columns).unwrap_err();
+    let refused = |columns| learner().with_input_gradient(columns).unwrap_err().to_string();
     assert!(refused(6).contains("6") && refused(6).contains("1 to 5"), "{}", refused(6));
     assert!(refused(0).contains("1 to 5"), "{}", refused(0));
 }

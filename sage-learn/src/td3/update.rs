@@ -13,7 +13,10 @@ mod tests;
 use std::collections::BTreeMap;
 
 use sage_core::seed::Rng;
-use sage_sim::actor::{Network, Shape, SingleRow};
+use sage_sim::{
+    Error,
+    actor::{Network, Shape, SingleRow},
+};
 
 use super::{
     super::{
@@ -124,12 +127,12 @@ impl<T: Real> Td3Learner<T> {
     /// A learner with random initial weights for an observation and an action size.
     ///
     /// *Errors*: as [`Td3Options::check`].
-    pub fn new(options: Td3Options, [observation, action]: [usize; 2], seed: u64) -> Result<Self, String> {
+    pub fn new(options: Td3Options, [observation, action]: [usize; 2], seed: u64) -> Result<Self, Error> {
         options.check()?;
         if observation == 0 || action == 0 {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "{observation} observations and {action} actions; expected at least one of each"
-            ));
+            )));
         }
         let network = |purpose, inputs, outputs| {
             let shape = Shape { inputs, hidden: options.hidden, outputs };
@@ -160,12 +163,12 @@ impl<T: Real> Td3Learner<T> {
     /// own training.
     ///
     /// *Errors*: no column, or more than the observation has.
-    pub fn with_input_gradient(mut self, columns: usize) -> Result<Self, String> {
+    pub fn with_input_gradient(mut self, columns: usize) -> Result<Self, Error> {
         let [observation, _] = self.sizes;
         if !(1..=observation).contains(&columns) {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "a gradient of {columns} numbers of an observation; expected 1 to {observation}"
-            ));
+            )));
         }
         let numbers = vec![T::default(); self.options.batch * columns];
         self.input_gradient = Some(InputGradient { columns, numbers, is_current: false });
@@ -224,7 +227,7 @@ impl<T: Real> Td3Learner<T> {
     /// Sets all tensors and the number of updates.
     ///
     /// *Errors*: the name of a tensor that is missing or has another size; nothing has changed then.
-    pub fn set_tensors(&mut self, tensors: &BTreeMap<String, Vec<T>>, updates: u64) -> Result<(), String> {
+    pub fn set_tensors(&mut self, tensors: &BTreeMap<String, Vec<T>>, updates: u64) -> Result<(), Error> {
         check(&self.tensors(), tensors)?;
         let [q1, q2] = &mut self.critics;
         for (network, trained) in [("actor", &mut self.actor), ("critic.q1", q1), ("critic.q2", q2)] {

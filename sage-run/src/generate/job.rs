@@ -17,7 +17,6 @@ use super::options::GenerateOptions;
 use crate::{
     networks,
     output::{self, Producer},
-    progress,
 };
 
 /// What identifies a run.
@@ -66,7 +65,6 @@ impl<'a> Job<'a> {
             None => driver,
         };
         let ego = Ego::new(&driver, registries)?.with_references(&["r157".to_owned()], registries)?;
-        progress::say_notes(std::slice::from_ref(&ego));
         let generator = networks::build_generator(options.generator.clone(), registries)?;
         Ok(Self { options, generator, ego })
     }

@@ -14,7 +14,10 @@ use super::{
     ActorPolicy, Network, Shape,
     tensor_file::{actor_tensors, hashed_tensors, write_tensors},
 };
-use crate::observation::{self, LENGTH, ObservationKind};
+use crate::{
+    Error,
+    observation::{self, LENGTH, ObservationKind},
+};
 
 /// Key of the card in the header.
 const CARD: &str = "card";
@@ -42,10 +45,6 @@ pub struct PolicyCard {
     pub evaluation: Value,
     /// Licence of the weights.
     pub license: String,
-    /// Whether the file that it was read from held a hash of its content, which was checked. Files of earlier versions
-    /// hold none.
-    #[serde(skip)]
-    pub is_hashed: bool,
 }
 
 impl PolicyCard {
@@ -54,16 +53,7 @@ impl PolicyCard {
         let observation = observation::names(kind);
         let observation_hash = hash(&observation);
         let format = FORMAT.to_owned();
-        Self {
-            format,
-            observation,
-            observation_hash,
-            kept: 0.0,
-            training,
-            evaluation,
-            license,
-            is_hashed: false,
-        }
+        Self { format, observation, observation_hash, kept: 0.0, training, evaluation, license }
     }
 }
 
@@ -102,68 +92,75 @@ pub fn write_policy(path: &Path, actor: &Network<f32>, card: &PolicyCard) -> std
 ///
 /// *Errors*: a message that names the file, and what is wrong with it: no policy, content that does not match its hash,
 /// another observation, a tensor that is missing, of another shape, or not finite.
-pub fn read_policy(path: &Path) -> Result<(Network<f32>, PolicyCard), String> {
-    let fail = |problem: String| format!("`{}`: {problem}", path.display());
+pub fn read_policy(path: &Path) -> Result<(Network<f32>, PolicyCard), Error> {
+    let fail = |problem: String| Error::Value(format!("`{}`: {problem}", path.display()));
     let bytes = files::read(path, MAX_POLICY_FILE).map_err(|error| fail(error.to_string()))?;
-    parse_policy(&bytes).map_err(fail)
+    parse_policy(&bytes).map_err(|error| fail(error.to_string()))
 }
 
 /// Reads a policy from the bytes of its file.
 ///
 /// *Errors*: as [`read_policy`], without the name of the file.
-pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), String> {
+pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), Error> {
     let foreign = "not a policy of `sage train-ego`";
-    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| format!("{foreign} ({error})"))?;
-    let file = SafeTensors::deserialize(bytes).map_err(|error| format!("{foreign} ({error})"))?;
+    let (_, header) =
+        SafeTensors::read_metadata(bytes).map_err(|error| Error::Value(format!("{foreign} ({error})")))?;
+    let file =
+        SafeTensors::deserialize(bytes).map_err(|error| Error::Value(format!("{foreign} ({error})")))?;
     let text = header.metadata().as_ref().and_then(|entries| entries.get(CARD));
-    let text = text.ok_or_else(|| format!("{foreign}: its header has no card"))?;
-    let (text, is_hashed) = check_hash(text, hashed_tensors(&file)).map_err(|error| error.to_string())?;
-    let card: PolicyCard = serde_json::from_str(&text).map_err(|error| format!("its card: {error}"))?;
-    let card = PolicyCard { is_hashed, ..card };
+    let text = text.ok_or_else(|| Error::Value(format!("{foreign}: its header has no card")))?;
+    let text = check_hash(text, hashed_tensors(&file)).map_err(|error| Error::Value(error.to_string()))?;
+    let card: PolicyCard =
+        serde_json::from_str(&text).map_err(|error| Error::Value(format!("its card: {error}")))?;
     if card.format != FORMAT {
-        return Err(format!("its format is `{}`; expected `{FORMAT}`", card.format));
+        return Err(Error::Value(format!("its format is `{}`; expected `{FORMAT}`", card.format)));
     }
     check_observation(&card)?;
     if !(0.0..1.0).contains(&card.kept) {
-        return Err(format!(
+        return Err(Error::Value(format!(
             "its actions keep a share of {} of the last one; expected a number from 0 to below 1",
             card.kept
-        ));
+        )));
     }
     let tensor = |name: &str| {
-        file.tensor(&format!("actor.{name}")).map_err(|_| format!("tensor `actor.{name}` is missing"))
+        file.tensor(&format!("actor.{name}"))
+            .map_err(|_| Error::Value(format!("tensor `actor.{name}` is missing")))
     };
     let [first, second] =
         ["l1.bias", "l2.bias"].map(|name| tensor(name).map(|t| t.shape().iter().product::<usize>()));
     let shape = Shape { inputs: LENGTH, hidden: [first?, second?], outputs: 2 };
     if shape.hidden.contains(&0) {
-        return Err("a hidden layer of its network has no units".to_owned());
+        return Err(Error::Value("a hidden layer of its network has no units".to_owned()));
     }
     // The sizes are the file's own words so far.
     if shape.count() > bytes.len() / 4 {
-        return Err(format!("its hidden layers of {:?} units need more numbers than it holds", shape.hidden));
+        return Err(Error::Value(format!(
+            "its hidden layers of {:?} units need more numbers than it holds",
+            shape.hidden
+        )));
     }
     let mut parameters = Vec::with_capacity(shape.count());
     for (name, expected) in shape.tensors() {
         let found = tensor(name)?;
         if found.shape() != expected || found.dtype() != Dtype::F32 {
-            return Err(format!(
+            return Err(Error::Value(format!(
                 "tensor `actor.{name}` is {:?} {:?}; expected F32 {expected:?}",
                 found.dtype(),
                 found.shape()
-            ));
+            )));
         }
         parameters.extend(found.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])));
     }
-    let network = Network::of(shape, parameters).ok_or("its tensors are incomplete")?;
+    let network = Network::of(shape, parameters)
+        .ok_or_else(|| Error::Value("its tensors are incomplete".to_owned()))?;
     match network.not_finite() {
-        Some(name) => Err(format!("tensor `actor.{name}` holds a number that is not finite")),
+        Some(name) => Err(Error::Value(format!("tensor `actor.{name}` holds a number that is not finite"))),
         None => Ok((network, card)),
     }
 }
 
 /// Refuses another observation, and says which of its numbers differ.
-fn check_observation(card: &PolicyCard) -> Result<(), String> {
+fn check_observation(card: &PolicyCard) -> Result<(), Error> {
     let differences = |known: &[String]| -> Vec<usize> {
         let differs = |k: &usize| card.observation.get(*k) != known.get(*k);
         (0..known.len().max(card.observation.len())).filter(differs).collect()
@@ -178,21 +175,21 @@ fn check_observation(card: &PolicyCard) -> Result<(), String> {
         if card.observation_hash == hash(known) {
             return Ok(());
         }
-        return Err(format!(
+        return Err(Error::Value(format!(
             "its card names the numbers of this version's observation with the hash `{}`, which is `{}`; copy or train it again",
             card.observation_hash.escape_debug(),
             hash(known)
-        ));
+        )));
     };
     let name = |names: &[String]| names.get(*first).map_or("nothing".to_owned(), |name| format!("`{name}`"));
-    Err(format!(
+    Err(Error::Value(format!(
         "it is for another observation: {} of {} numbers differ (numbers {}); number {first} is {} there and {} here; train it again",
         all.len(),
         known.len(),
         ranges(&all),
         name(&card.observation),
         name(known)
-    ))
+    )))
 }
 
 /// Numbers as ranges: `3, 7-9`.
@@ -234,7 +231,7 @@ mod tests {
         let path = folder.path().join("policy.safetensors");
         let (network, card) = policy();
         write_policy(&path, &network, &card).expect("written");
-        assert_eq!(read_policy(&path).expect("read"), (network, PolicyCard { is_hashed: true, ..card }));
+        assert_eq!(read_policy(&path).expect("read"), (network, card));
     }
 
     #[test]
@@ -257,8 +254,7 @@ mod tests {
             bad[bit / 8] ^= 1 << (bit % 8);
             // A flipped bit of the JSON around the content may still leave the same content.
             if let Ok(found) = parse_policy(&bad) {
-                assert_eq!((&found.0, found.1.is_hashed), (&expected.0, true), "bit {bit}");
-                assert_eq!(found.1, expected.1, "bit {bit}");
+                assert_eq!(found, expected, "bit {bit}");
             }
         }
     }
@@ -274,7 +270,9 @@ mod tests {
         };
         let card = serde_json::to_string(&card).expect("a card");
         write_tensors(&path, &[bias("l1"), bias("l2")], CARD, &card).expect("written");
-        assert!(read_policy(&path).expect_err("too large").contains("more numbers than it holds"));
+        assert!(
+            read_policy(&path).expect_err("too large").to_string().contains("more numbers than it holds")
+        );
     }
 
     #[test]
@@ -284,7 +282,7 @@ mod tests {
         let (network, mut card) = policy();
         card.observation_hash = "0123456789abcdef".to_owned();
         write_policy(&path, &network, &card).expect("written");
-        assert!(read_policy(&path).expect_err("another hash").contains("0123456789abcdef"));
+        assert!(read_policy(&path).expect_err("another hash").to_string().contains("0123456789abcdef"));
     }
 
     #[test]
@@ -295,7 +293,7 @@ mod tests {
         card.observation[31] = "speed of 100 km/h".to_owned();
         card.observation.swap(33, 34);
         write_policy(&path, &network, &card).expect("written");
-        let error = read_policy(&path).expect_err("another observation");
+        let error = read_policy(&path).expect_err("another observation").to_string();
         assert!(error.contains("numbers 31, 33-34") && error.contains("speed of 100 km/h"), "{error}");
     }
 
@@ -310,14 +308,17 @@ mod tests {
         assert!(
             read_policy(&path)
                 .expect_err("NaN")
+                .to_string()
                 .contains("`actor.l1.weight` holds a number that is not finite")
         );
         let empty = Network::of(Shape { hidden: [0, 3], ..*network.shape() }, vec![0.0; 3 + 6 + 2]);
         write_policy(&path, &empty.expect("as many"), &card).expect("written");
-        assert!(read_policy(&path).expect_err("no units").contains("no units"));
+        assert!(read_policy(&path).expect_err("no units").to_string().contains("no units"));
         write_policy(&path, &network, &card).expect("written");
         let bytes = std::fs::read(&path).expect("read");
         std::fs::write(&path, &bytes[..bytes.len() - 7]).expect("cut");
-        assert!(read_policy(&path).expect_err("cut").contains("policy.safetensors`: not a policy"));
+        assert!(
+            read_policy(&path).expect_err("cut").to_string().contains("policy.safetensors`: not a policy")
+        );
     }
 }

@@ -48,15 +48,16 @@ impl Default for AvoidanceOptions {
 }
 
 impl FromStr for AvoidanceOptions {
-    type Err = String;
+    type Err = crate::Error;
 
     /// Options as JSON, or the word `comfortable`.
-    fn from_str(text: &str) -> Result<Self, String> {
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
         if text == "comfortable" {
             return Ok(Self::comfortable());
         }
-        let options: Self = serde_json::from_str(text).map_err(|error| error.to_string())?;
-        options.check().map_err(|error| error.to_string())?;
+        let options: Self =
+            serde_json::from_str(text).map_err(|error| crate::Error::Value(error.to_string()))?;
+        options.check()?;
         Ok(options)
     }
 }

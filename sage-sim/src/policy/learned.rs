@@ -49,7 +49,7 @@ fn built(options: LearnedPolicyOptions, shipped: &[u8]) -> Result<Box<dyn EgoPol
     let (network, card) = if options.file.as_os_str().is_empty() {
         parse_policy(shipped).map_err(|problem| format!("the shipped policy: {problem}"))?
     } else {
-        read_policy(&options.file)?
+        read_policy(&options.file).map_err(|error| error.to_string())?
     };
     Ok(Box::new(card.policy(network)))
 }

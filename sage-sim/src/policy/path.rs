@@ -41,8 +41,8 @@ impl DrivenPath {
     /// Reads a file of drives.
     ///
     /// *Errors*: a message that names the file, and what is wrong in it.
-    pub fn read(file: &Path) -> Result<Self, String> {
-        let fail = |problem: String| format!("`{}`: {problem}", file.display());
+    pub fn read(file: &Path) -> Result<Self, Error> {
+        let fail = |problem: String| Error::Value(format!("`{}`: {problem}", file.display()));
         let text = files::read(file, MAX_DRIVES).map_err(|error| fail(error.to_string()))?;
         let is_list = text.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[');
         let drives = if is_list {
@@ -115,7 +115,8 @@ impl Entry<dyn EgoPolicy> for PathPolicy {
         if options.file.as_os_str().is_empty() {
             return Err("`file` is empty; write path:FILE".to_owned());
         }
-        Ok(Box::new(Self(Arc::new(DrivenPath::read(&options.file)?))))
+        let drives = DrivenPath::read(&options.file).map_err(|error| error.to_string())?;
+        Ok(Box::new(Self(Arc::new(drives))))
     }
 }
 

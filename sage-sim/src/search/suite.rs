@@ -102,21 +102,27 @@ impl Suite {
     /// Checks what a suite says of itself: version, number and names of tests, and the hashes of the plans.
     ///
     /// *Errors*: what is wrong, with the test.
-    pub fn check(&self) -> Result<(), String> {
+    pub fn check(&self) -> Result<(), Error> {
         if !(1..=VERSION).contains(&self.suite) {
-            return Err(format!("its version is {}; this program reads versions 1 to {VERSION}", self.suite));
+            return Err(Error::Value(format!(
+                "its version is {}; this program reads versions 1 to {VERSION}",
+                self.suite
+            )));
         }
         if self.tests.len() > MOST_TESTS {
-            return Err(format!("it has {} tests; expected at most {MOST_TESTS}", self.tests.len()));
+            return Err(Error::Value(format!(
+                "it has {} tests; expected at most {MOST_TESTS}",
+                self.tests.len()
+            )));
         }
-        self.avoidable.check().map_err(|error| error.to_string())?;
+        self.avoidable.check()?;
         if let Some(name) = self.references.iter().find(|name| !is_plain(name)) {
             let shown: String = name.chars().take(40).collect();
-            return Err(format!("`references` holds {shown:?}; expected names of policies"));
+            return Err(Error::Value(format!("`references` holds {shown:?}; expected names of policies")));
         }
         let mut names = HashSet::new();
         for (number, test) in self.tests.iter().enumerate() {
-            let of_test = |problem: String| Err(format!("test {}: {problem}", number + 1));
+            let of_test = |problem: String| Err(Error::Value(format!("test {}: {problem}", number + 1)));
             for (what, name) in [("name", &test.name), ("scene", &test.scene)] {
                 if !is_plain(name) {
                     let shown: String = name.chars().take(40).collect();
@@ -238,7 +244,7 @@ mod tests {
         let error = |change: &dyn Fn(&mut Suite)| {
             let mut changed = suite();
             change(&mut changed);
-            changed.check().unwrap_err()
+            changed.check().unwrap_err().to_string()
         };
         for name in
             ["../13.safetensors", "/etc/passwd", "a/b", "", ".hidden", "-x", "a\nb", "<script>", "a\\b"]

@@ -27,7 +27,7 @@ const ATTACKED: [&str; 9] = [
 /// The study of a name or a file.
 pub(super) fn study(name: &str, registries: &Registries) -> Result<Study> {
     if let Some((name, text)) = registries.studies.iter().find(|(known, _)| *known == name) {
-        return Study::parse(text, name);
+        return Ok(Study::parse(text, name)?);
     }
     let path = Path::new(name);
     if !path.is_file() {
@@ -37,7 +37,7 @@ pub(super) fn study(name: &str, registries: &Registries) -> Result<Study> {
     }
     let text =
         files::read_argument_text(path, MAX_STUDY_FILE).with_context(|| format!("cannot read `{name}`"))?;
-    Study::parse(&text, name)
+    Ok(Study::parse(&text, name)?)
 }
 
 /// The study with what the command line replaces.

@@ -54,7 +54,7 @@ impl<'s> ChosenScenes<'s> {
     }
 }
 
-impl SceneSource for ChosenScenes<'_> {
+impl SceneSource<anyhow::Error> for ChosenScenes<'_> {
     fn names(&self) -> Vec<String> {
         self.names.clone()
     }
@@ -89,7 +89,7 @@ pub(super) fn result_file(number: usize) -> String {
     format!("{number:07}.json")
 }
 
-impl Store for StoredResults<'_> {
+impl Store<anyhow::Error> for StoredResults<'_> {
     fn read(&self, number: usize) -> Option<String> {
         files::read_text(&self.path().join(self.file(number)), LIMIT).ok()
     }

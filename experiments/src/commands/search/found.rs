@@ -52,10 +52,8 @@ pub(in crate::commands) struct SearchRecord {
     pub(in crate::commands) search: SearchOptions,
     pub(in crate::commands) feasibility: PartSpec,
     /// Names of the reference drivers.
-    #[serde(default)]
     pub(in crate::commands) references: Vec<String>,
     /// The rule that says who is at fault.
-    #[serde(default)]
     pub(in crate::commands) fault: FaultRule,
 }
 

@@ -69,7 +69,6 @@ impl<'a> Searcher<'a> {
         let ego = Ego::new(&args.planner.applied(&args.ego), registries)?
             .with_references(&args.reference, registries)?;
         let ego = Ego { fault: args.fault, ..ego };
-        progress::say_notes(std::slice::from_ref(&ego));
         ensure!(
             args.method.is_some() || args.attack.generator.options.is_none(),
             "--options needs a generator; name it with --method, such as --method sage"

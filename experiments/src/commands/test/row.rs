@@ -32,14 +32,9 @@ pub(super) struct ResultHead {
     /// Which plan it was: another suite may have a test of the same name.
     pub(super) plan_hash: String,
     pub(super) ego: String,
-    /// Version of the definitions; rows of version 1 do not name it.
-    #[serde(default = "first_version")]
+    /// Version of the definitions.
     pub(super) suite: u32,
     pub(super) result: TestResult,
-}
-
-fn first_version() -> u32 {
-    1
 }
 
 /// The result of a test, as `--json` prints it.

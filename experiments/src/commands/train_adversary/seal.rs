@@ -15,6 +15,7 @@ use advsage::{
     generators::{BuiltGenerator, Generators, weight_hashes},
     part::Part,
     selection::Selection,
+    weights::NamedNetwork,
 };
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
@@ -120,7 +121,7 @@ struct Identity<'a> {
 pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let options = TrainingOptions::of(args)?;
-    let prior = networks::load(&registries.backbones, &args.weights)?;
+    let prior = NamedNetwork::load(&registries.backbones, &args.weights)?;
     networks::announce(&prior);
     let license = args.license.clone().unwrap_or_else(|| prior.header.license.clone());
     let selection = Selection::of(registries, "natural", None)?;

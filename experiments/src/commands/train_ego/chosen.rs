@@ -2,7 +2,7 @@
 
 use advsage::driver_spec::DriverSpec;
 use anyhow::{Context as _, Result, anyhow, bail};
-use sage_bench::study::in_one_line;
+use sage_bench::study::yaml_error;
 use sage_core::{files, registry::Registry};
 use sage_learn::{Algorithm, PpoOptions, TrainingOptions};
 use sage_sim::environment::DrivingReward;
@@ -107,7 +107,7 @@ impl Chosen {
             seed: 0,
             ..configured(args, algorithm, &recipe.ppo)?
         };
-        options.check().map_err(|problem| anyhow!(problem))?;
+        options.check()?;
         let teacher = teacher(args, recipe.teacher.filter(|_| algorithm == Algorithm::Ppo))?;
         if teacher.is_none() && options.ppo.taught != PpoOptions::default().taught {
             bail!("`taught` is the share of the training with a teacher, and there is none; give --teacher");
@@ -157,7 +157,7 @@ fn configured(args: &TrainEgoArgs, algorithm: Algorithm, of_recipe: &Value) -> R
         (read.with_context(|| format!("--config: cannot read `{}`", args.config))?, &*args.config)
     };
     let mut given: Map<String, Value> =
-        serde_saphyr::from_str(&text).map_err(in_one_line).with_context(|| format!("`{name}`"))?;
+        serde_saphyr::from_str(&text).map_err(yaml_error).with_context(|| format!("`{name}`"))?;
     if let Some((key, option)) = OWN_OPTIONS.iter().find(|(key, _)| given.contains_key(*key)) {
         bail!("`{name}`: `{key}` is not part of a configuration; give {option}");
     }

@@ -26,11 +26,11 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
     let path = run.folder().inner(folder(seed).as_ref())?;
     let identity = format!("{} seed {seed}", shared.identity()?);
     let loaded = TrainingState::load(&path, &identity, &options, scenes.training.len());
-    let loaded = loaded.map_err(|problem| anyhow!(problem))?;
+    let loaded = loaded?;
     let resumed = loaded.is_some();
     let state = match loaded {
         Some(loaded) => loaded,
-        None => TrainingState::new(&options, scenes.training.len()).map_err(|problem| anyhow!(problem))?,
+        None => TrainingState::new(&options, scenes.training.len())?,
     };
     let curriculum = shared.args.curriculum.build(&shared.registries.parts.curricula)?;
     let sampler = shared.args.sampler.build(&shared.registries.parts.scene_samplers)?;

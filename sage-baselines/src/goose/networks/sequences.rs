@@ -1,7 +1,6 @@
 //! A batch of sequences of different lengths, packed without padding.
 
 use candle_core::{Device, Tensor, WithDType};
-
 use sage_backbones::Error;
 
 /// Sequences of different lengths, step by step, the longest first.

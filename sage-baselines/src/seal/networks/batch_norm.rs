@@ -7,7 +7,6 @@ use candle_core::{
     CpuStorage, CustomOp3, Device, InplaceOp2, Layout, Result, Shape, Tensor, WithDType,
     backend::BackendStorage as _,
 };
-
 use sage_backbones::{
     nn::{BlockSums, Real, add_row, by_dtype, slice, slice_mut, wide, with_slice},
     parameters::{Init, Scope},

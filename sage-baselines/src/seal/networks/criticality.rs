@@ -4,15 +4,14 @@
 //! network follows SEAL (Stoler et al., 2025) and has 6 194 parameters.
 
 use candle_core::{Device, Module as _, Result, Tensor};
-use sage_core::{
-    geometry::{Point, cross, dot, sub},
-    motion::Pose,
-};
-
 use sage_backbones::{
     Error,
     nn::{Groups, Linear, Mlp, max_of_rows},
     parameters::Scope,
+};
+use sage_core::{
+    geometry::{Point, cross, dot, sub},
+    motion::Pose,
 };
 
 /// Width of the blocks.

@@ -1,7 +1,6 @@
 //! Leaky ReLU: `x` for positive `x`, `0.01 x` otherwise.
 
 use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
-
 use sage_backbones::nn::{Real, by_dtype, slice, wide, with_slice};
 
 /// Slope of negative inputs.

@@ -6,7 +6,6 @@
 use candle_core::{
     CpuStorage, CustomOp3, DType, Layout, Result, Shape, Tensor, WithDType as _, backend::BackendStorage as _,
 };
-
 use sage_backbones::{
     nn::{Real, add_row, by_dtype, column_sums, sigmoid, tanh, wide, with_slice},
     parameters::{Init, Scope},

@@ -3,14 +3,13 @@
 use std::sync::Arc;
 
 use advsage::latest_start::WITHIN;
-use anyhow::Result;
 use sage_core::{
     metric::{MeasuredTrajectory, Metric, Metrics},
     objective::FurtherMeasures,
 };
 use sage_sim::{avoidable::Avoidable, metrics::MeasuredAttack};
 
-use crate::{Registries, study::Study};
+use crate::{Registries, Result, study::Study};
 
 /// What was measured of a plan.
 #[derive(Default)]

@@ -14,15 +14,15 @@ pub(super) fn draw(figure: &Figure) -> Result<String> {
         let series = figure.series.iter().filter(|series| series.is_line == is_line);
         series.map(|series| (series.name.clone(), series.points.clone())).collect()
     };
-    Chart {
+    let chart = Chart {
         axes: [x, y],
         lines: of(true),
         dots: of(false),
         is_log: figure.is_log,
         legend: if is_low_right(figure) { Legend::UpperRight } else { Legend::LowerRight },
         ..Chart::default()
-    }
-    .draw()
+    };
+    Ok(chart.draw()?)
 }
 
 /// Whether more points are at the lower right of a figure than at the upper right, where the legend then is.

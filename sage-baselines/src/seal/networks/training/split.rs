@@ -2,9 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use sage_core::seed::Rng;
-
 use sage_backbones::Error;
+use sage_core::seed::Rng;
 
 /// Indices of examples in ascending order.
 pub(super) struct Split {

@@ -40,7 +40,7 @@ impl Cli {
             }
             Command::Search(args) => commands::search::run(&args, Extent::of(args.shard), &registries.parts),
             Command::Report(args) => commands::report::run(&args),
-            Command::Suite(args) => commands::suite::run(&args, &registries.parts),
+            Command::Suite(args) => commands::suite::run(&args),
             Command::Test(args) => commands::test::run(&args, &registries.parts),
             Command::Status(args) => commands::status::run(&args),
             Command::Join(args) => commands::join::run(&args, registries),

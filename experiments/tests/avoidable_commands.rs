@@ -118,8 +118,8 @@ fn the_latest_start_is_measured_over_generators_and_in_the_table() {
     let folder = tempfile::tempdir().unwrap();
     let [scenes, react, table] = ["scenes", "latest-start", "table"].map(|name| folder.path().join(name));
     stdout(&sage(&["scenes", "--count", "3", "--seed", "4", "--out", text(&scenes)]));
-    let methods = ["--methods", "sage,rule"];
-    let bench = ["bench", "latest-start", text(&scenes), "--targets", "0.5,2", "--out", text(&react)];
+    let methods = ["--method", "sage,rule"];
+    let bench = ["bench", "latest-start", text(&scenes), "--latest-start", "0.5,2", "--out", text(&react)];
     let measured = sage(&[&bench[..], &methods].concat());
     assert_snapshot!("latest_starts", stdout(&measured));
     let csv = fs::read_to_string(react.join("rows.csv")).unwrap();

@@ -12,7 +12,7 @@ fn fronts_group_the_weights_of_a_generator_and_compare_with_the_first() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, out) = (example(), folder.path().join("front"));
     let methods = r#"sage,king,king{"adversarial":0.5},king{"start":"prior"},rule"#;
-    let front = ["bench", "front", &scene, "--methods", methods, "--lambda", "0,1", "--out", text(&out)];
+    let front = ["bench", "front", &scene, "--method", methods, "--lambda", "0,1", "--out", text(&out)];
     let output = sage(&[&front[..], &WEIGHTS].concat());
     assert_snapshot!("fronts_of_generators", stdout(&output));
     let points = std::fs::read_to_string(out.join("estimates.csv")).unwrap();
@@ -21,7 +21,7 @@ fn fronts_group_the_weights_of_a_generator_and_compare_with_the_first() {
         assert!(std::fs::read_to_string(out.join(chart)).unwrap().contains("rule"), "{chart}");
     }
     let other = folder.path().join("twice");
-    let twice = ["bench", "front", &scene, "--methods", "rule,rule", "--out", text(&other)];
+    let twice = ["bench", "front", &scene, "--method", "rule,rule", "--out", text(&other)];
     assert_snapshot!(failure(&[&twice[..], &WEIGHTS].concat()), @r"
     note: weights `procedural` (network densetnt)
     error: the row `rule` is given twice

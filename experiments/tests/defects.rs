@@ -95,7 +95,7 @@ fn shards_studies_and_trainings_go_on_too() {
     let (out, _) = done(
         &program,
         folder.path(),
-        &["bench", "open-loop", text(&scenes), "--methods", &format!("rule,{FRAGILE}")],
+        &["bench", "open-loop", text(&scenes), "--method", &format!("rule,{FRAGILE}")],
     );
     let table = std::fs::read_to_string(out.join("table.md")).unwrap();
     assert!(table.contains("rule"), "{table}");

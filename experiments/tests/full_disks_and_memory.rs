@@ -112,7 +112,7 @@ fn a_full_disk_stops_the_run_and_leaves_whole_files_alone() {
         vec!["calibrate", text(&scenes), "--out", text(&dial)],
         vec!["generate", text(&scenes), "--weights", "procedural", "--out", text(&out)],
         vec!["finetune", text(&scenes), "--config", text(&config), "--out", text(&out)],
-        vec!["bench", "open-loop", text(&scenes), "--methods", "log", "--out", text(&out)],
+        vec!["bench", "open-loop", text(&scenes), "--method", "log", "--out", text(&out)],
     ] {
         let output = disk.run(&command);
         let said = stderr(&output);
@@ -168,7 +168,7 @@ fn memory_does_not_grow_with_the_number_of_scenes() {
         panic!("{name}: {:.0} MiB with {} scenes, {:.0} with {}", peaks[0], counts[0], peaks[1], counts[1]);
     };
     for (name, command) in [
-        ("table", vec!["bench", "open-loop", "--methods", "log,random", "--lambda", "1"]),
+        ("table", vec!["bench", "open-loop", "--method", "log,random", "--lambda", "1"]),
         ("dial", vec!["bench", "dial"]),
         ("calibrate", vec!["calibrate", "--selection", "paper-selection"]),
     ] {

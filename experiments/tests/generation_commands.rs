@@ -268,7 +268,7 @@ fn a_table_of_some_scenes_by_name() {
     names.sort();
     let table = |names: &str| {
         let places = ["--data", text(&scenes), "--scenes", names, "--out", text(&out)];
-        sage(&[&["bench", "open-loop", "--methods", "log"], &places[..], &WEIGHTS].concat())
+        sage(&[&["bench", "open-loop", "--method", "log"], &places[..], &WEIGHTS].concat())
     };
     let unknown = table(&format!("{},nobody", names[0]));
     assert!(!unknown.status.success());
@@ -334,7 +334,7 @@ fn drivers_are_compared_by_scene() {
                     "drivers",
                     "--procedural",
                     "7",
-                    "--policies",
+                    "--ego",
                     "constant-speed,idm",
                     "--out",
                     text(&out),
@@ -363,9 +363,9 @@ fn drivers_are_compared_by_scene() {
     assert_snapshot!("drivers_without_attacks", stdout(&unattacked));
     assert_eq!(count(&rows(), "attacked-drive"), 0);
     let twice =
-        sage(&["bench", "drivers", "--policies", "idm,idm", "--out", text(&folder.path().join("twice"))]);
+        sage(&["bench", "drivers", "--ego", "idm,idm", "--out", text(&folder.path().join("twice"))]);
     let unknown =
-        sage(&["bench", "drivers", "--policies", "idn", "--out", text(&folder.path().join("unknown"))]);
+        sage(&["bench", "drivers", "--ego", "idn", "--out", text(&folder.path().join("unknown"))]);
     let said =
         [("the folder of another run", &*other), ("idm,idm", stderr(&twice)), ("idn", stderr(&unknown))];
     assert_snapshot!("refused_runs_of_drivers", messages(said));

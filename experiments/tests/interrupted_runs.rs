@@ -117,7 +117,7 @@ fn a_folder_or_file_in_use_is_refused_and_told_whose_it_is() {
         vec!["convert", &scene, "--to", "native", "--out", out],
         vec!["scenes", "--count", "1", "--out", out],
         vec!["demo", "--out", out],
-        vec!["bench", "open-loop", &scene, "--methods", "log", "--out", out],
+        vec!["bench", "open-loop", &scene, "--method", "log", "--out", out],
         vec!["bench", "dial", &scene, "--out", out],
         vec!["calibrate", &scene, "--out", text(&dial)],
         vec!["draw", &scene, "--out", text(&picture)],
@@ -243,7 +243,7 @@ fn a_finished_run_is_told_from_another_one() {
             ],
             "3",
         ),
-        (vec!["bench", "open-loop", &example(), "--methods", "log", "--out", &at("table")], "3"),
+        (vec!["bench", "open-loop", &example(), "--method", "log", "--out", &at("table")], "3"),
     ] {
         let first = sage(&command);
         stdout(&first);
@@ -264,7 +264,7 @@ fn a_finished_run_is_told_from_another_one() {
 fn a_run_without_its_results_is_not_done() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("table");
-    let table = ["bench", "open-loop", &example(), "--methods", "log", "--out", text(&out)];
+    let table = ["bench", "open-loop", &example(), "--method", "log", "--out", text(&out)];
     let first = stdout(&sage(&table)).to_owned();
     std::fs::remove_file(out.join("table.md")).unwrap();
     // Results of a part of the scenes, of others or of other generators are no results.

@@ -83,7 +83,7 @@ fn mergers_are_compared_over_lambda() {
     let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
     stdout(&sage(&["scenes", "--count", "3", "--seed", "4", "--out", text(&scenes)]));
     let mergers = "linear,vector-extrapolation,trajectory";
-    let table = sage(&["bench", "pareto", text(&scenes), "--mergers", mergers, "--out", text(&out)]);
+    let table = sage(&["bench", "pareto", text(&scenes), "--merger", mergers, "--out", text(&out)]);
     // Between the experts, vector extrapolation is interpolation.
     assert_snapshot!("mergers_over_lambda", stdout(&table));
     let csv = fs::read_to_string(out.join("estimates.csv")).unwrap();

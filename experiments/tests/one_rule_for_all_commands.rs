@@ -25,8 +25,8 @@ fn commands_with_weights(scene: &str) -> Vec<Vec<String>> {
         "simulate SCENE --ego idm --method sage --lambda 1 --json",
         "search SCENE --ego idm --budget 4 --json",
         "predict SCENE --k 3 --json",
-        "bench open-loop SCENE --methods sage",
-        "bench drivers SCENE --policies idm",
+        "bench open-loop SCENE --method sage",
+        "bench drivers SCENE --ego idm",
         "bench dial SCENE",
         "calibrate SCENE --selection natural",
     ];
@@ -104,8 +104,8 @@ fn tables_and_notes_fit_a_terminal() {
         &["suite", &found, "--diverse", "3", "--out", &at("f")],
         &["test", &suite, "--ego", "idm"],
         &["theory", "--instances", "20"],
-        &["bench", "open-loop", &scenes, "--methods", "log,sage", "--out", &at("g")],
-        &["bench", "drivers", &scenes, "--policies", "replay,idm", "--out", &at("h")],
+        &["bench", "open-loop", &scenes, "--method", "log,sage", "--out", &at("g")],
+        &["bench", "drivers", &scenes, "--ego", "replay,idm", "--out", &at("h")],
         &["convert", &scenes, "--to", "native", "--out", &at("i")],
     ];
     for command in commands {

@@ -72,7 +72,7 @@ fn a_reward_is_a_column_of_score_a_term_of_objectives_and_a_column_of_the_table(
     let (_, header) = sage_backbones::Parameters::load(&file).unwrap();
     assert!(header.notes["options"].contains("near-miss"), "{:?}", header.notes);
     let table = folder.path().join("table");
-    let bench = ["bench", "open-loop", &scene, "--methods", "sage,log", "--lambda", "1"];
+    let bench = ["bench", "open-loop", &scene, "--method", "sage,log", "--lambda", "1"];
     let output = run(&program, &[&bench[..], &["--weights", text(&experts), "--out", text(&table)]].concat());
     let page = std::fs::read_to_string(table.join("table.md")).unwrap();
     assert!(output.status.success() && page.contains("| near-miss |"), "{page}");
@@ -314,7 +314,7 @@ fn a_generator_needs_no_experts_and_follows_the_dial() {
     assert!(pickle(&out, "crossing-lambda1.00").is_file());
     let table = folder.path().join("table");
     let bench =
-        ["bench", "open-loop", &scene, "--methods", "brake", "--lambda", "0,1", "--out", text(&table)];
+        ["bench", "open-loop", &scene, "--method", "brake", "--lambda", "0,1", "--out", text(&table)];
     let output = run(&program, &[&bench[..], &WEIGHTS].concat());
     assert_snapshot!("table_of_an_own_generator", stdout(&output));
 }
@@ -329,7 +329,7 @@ fn a_policy_drives_and_is_attacked() {
     ");
     let (scene, out) = (example(), folder.path().join("drivers"));
     let drivers =
-        ["bench", "drivers", &scene, "--policies", r#"cautious,cautious{"speed":3}"#, "--out", text(&out)];
+        ["bench", "drivers", &scene, "--ego", r#"cautious,cautious{"speed":3}"#, "--out", text(&out)];
     assert_snapshot!("table_of_an_own_policy", stdout(&run(&program, &drivers)));
     let attacked = folder.path().join("attacked");
     let generate = ["generate", &scene, "--ego", "cautious", "--json", "--out", text(&attacked)];

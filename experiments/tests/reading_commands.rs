@@ -204,7 +204,7 @@ fn a_contact_at_now_is_left_out_by_every_command() {
     assert!(run.status.success(), "{}", stderr(&run));
     said.push(("simulate".to_owned(), stderr(&run).to_owned()));
     let table = at("table");
-    let arguments = ["bench", "open-loop", text(&scenes), "--methods", "log,rule", "--out", text(&table)];
+    let arguments = ["bench", "open-loop", text(&scenes), "--method", "log,rule", "--out", text(&table)];
     let run = sage(&[&arguments[..], &WEIGHTS].concat());
     assert_snapshot!("table_without_a_scene_in_contact", stdout(&run));
     said.push(("bench open-loop".to_owned(), stderr(&run).to_owned()));
@@ -213,9 +213,9 @@ fn a_contact_at_now_is_left_out_by_every_command() {
         "bench",
         "drivers",
         text(&scenes),
-        "--policies",
+        "--ego",
         "idm",
-        "--methods",
+        "--method",
         "rule",
         "--out",
         text(&drivers),
@@ -255,7 +255,7 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
     std::fs::write(scenes.join("no-scene.pkl"), b"\x80\x04N.").unwrap();
     let out = folder.path().join("drivers");
     let arguments =
-        ["bench", "drivers", text(&scenes), "--policies", "idm", "--unattacked", "--out", text(&out)];
+        ["bench", "drivers", text(&scenes), "--ego", "idm", "--unattacked", "--out", text(&out)];
     let run = sage(&arguments);
     assert_eq!(run.status.code(), Some(BAD_SCENES), "{}", stderr(&run));
     assert_snapshot!(redacted(stderr(&run)), @r"

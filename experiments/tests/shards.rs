@@ -110,7 +110,6 @@ fn a_shard_becomes_a_data_set_and_the_same_shard_again() {
     }
     // The order of the records is that of the files' names.
     convert(&at("native"), "womd", &at("again"), &["--scenes-per-file", "2"]);
-    convert(&at("native"), "womd", &at("former"), &["--shard-size", "2"]);
     let again: Vec<PathBuf> = folder::scene_files(&at("again")).unwrap();
     assert_eq!(again.len(), 5);
     assert!(at("again/scenes.tfrecord-00002-of-00003").is_file());

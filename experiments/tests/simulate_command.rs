@@ -323,7 +323,7 @@ fn drivers_are_tested_in_two_stages() {
         text(&input),
         "--selection",
         "natural",
-        "--methods",
+        "--method",
         "sage,rule,log",
         "--lambda",
         "1",

@@ -66,7 +66,7 @@ fn a_trained_policy_drives_and_is_compared() {
     let named = format!("sage={},none={}", run.display(), again.display());
     let bench = |more: &[&str]| {
         let scenes =
-            ["bench", "closed-loop", "--procedural", "3", "--untrained", "1", "--policies", "idm", "--wide"];
+            ["bench", "closed-loop", "--procedural", "3", "--untrained", "1", "--ego", "idm", "--wide"];
         let runs = ["--runs", &named, "--weights", "procedural", "--out", text(&table)];
         sage(&[&scenes[..], &runs, more].concat())
     };

@@ -179,7 +179,7 @@ fn bad_options_fail_before_work_starts() {
     let wrong: [&[&str]; 4] = [
         &["calibrate", "--procedural", "2", "--out", text(&far)],
         &["calibrate", "--procedural", "0", "--out", text(&dial)],
-        &["bench", "open-loop", &scene, "--methods", r#"log,rule{"row": true}"#, "--out", out],
+        &["bench", "open-loop", &scene, "--method", r#"log,rule{"row": true}"#, "--out", out],
         &["generate", &scene, "--weights", text(&shipped), "--out", out],
     ];
     said.extend(wrong.map(|command| (command.join(" "), failure(command))));

@@ -73,7 +73,7 @@ fn every_page_fits_a_phone_without_scrolling_sideways() {
         "bench",
         "open-loop",
         &at("scenes"),
-        "--methods",
+        "--method",
         "log,sage",
         "--out",
         &at("pages/table"),

@@ -101,7 +101,7 @@ pub struct Study {
     pub plane: Option<PlaneAxis>,
     /// Targets of the latest start of an evasive manoeuvre, s before the contact: the selection chooses the candidate that is
     /// nearest to each.
-    #[serde(deserialize_with = "numbers", alias = "react")]
+    #[serde(deserialize_with = "numbers")]
     pub latest_start: Vec<f64>,
     /// Options of the search for evasive manoeuvres; without them it is made only for metrics that need it.
     pub avoidable: Option<AvoidanceOptions>,

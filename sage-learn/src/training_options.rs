@@ -54,7 +54,6 @@ pub struct TrainingOptions {
     /// Whether the limit of steps is stored as a terminal step, as published.
     pub limit_is_terminal: bool,
     /// Newest drives of a scene that may be attacked; one of them is drawn.
-    #[serde(alias = "paths")]
     pub drives: usize,
     /// Age of a scene's newest drive, in steps, above which the present policy first drives the unchanged scene, so that the
     /// attack meets what it does now; `None` for never, as published.

@@ -62,7 +62,7 @@ pub(crate) struct GenerateArgs {
     pub planner: PlannerArgs,
     /// Choose the most adversarial candidate whose latest evasive manoeuvre begins this many seconds before the contact (within
     /// 0.25 s), else the nearest, with a note. More candidates hold more late and early ones: --options '{"candidates": 384, "apart": 2}'.
-    #[arg(long, alias = "react", help_heading = SELECTION, value_name = "T", value_parser = latest_start::seconds)]
+    #[arg(long, help_heading = SELECTION, value_name = "T", value_parser = latest_start::seconds)]
     pub latest_start: Option<f64>,
     #[command(flatten, next_help_heading = SELECTION)]
     pub avoidable: AvoidableArgs,

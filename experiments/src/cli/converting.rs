@@ -56,7 +56,7 @@ pub(crate) struct ConvertArgs {
     #[arg(long, help_heading = SCENE, value_name = "SCENES")]
     pub of: Option<PathBuf>,
     /// Scenes in each TFRecord file with --to womd (default: 500).
-    #[arg(long, alias = "shard-size", help_heading = OUTPUT, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, help_heading = OUTPUT, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     scenes_per_file: Option<u32>,
     /// Convert only the scenes of shard K of N; with --to womd write only its files. Several machines can write all
     /// shards into one folder, which `sage join` completes.

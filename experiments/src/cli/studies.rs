@@ -73,18 +73,18 @@ pub(crate) struct OutArgs {
 #[command(next_help_heading = ATTACK)]
 pub(crate) struct AxisArgs {
     /// Comma-separated generators; with options as NAME{"option": value}.
-    #[arg(long, alias = "methods", value_name = "NAMES")]
+    #[arg(long, value_name = "NAMES")]
     pub method: Option<String>,
     /// Comma-separated driving policies; `sage list` shows them. path:FILE is a drive of your own planner, and
     /// py:MODULE:CLASS or 'cmd:COMMAND' your own planner, a class of Python or a program, which takes the rest of the text.
     /// NAME=POLICY gives it a name in rows and tables. May be repeated.
-    #[arg(long, help_heading = DRIVER, alias = "policies", value_name = "POLICIES")]
+    #[arg(long, help_heading = DRIVER, value_name = "POLICIES")]
     pub ego: Vec<DriverSpecs>,
     /// Drive the unchanged scenes alone.
     #[arg(long, conflicts_with_all = ["method", "lambda", "mu", "aggression", "mix"])]
     pub unattacked: bool,
     /// Comma-separated mergers; with options as NAME{"option": value}.
-    #[arg(long, alias = "mergers", value_name = "NAMES")]
+    #[arg(long, value_name = "NAMES")]
     pub merger: Option<String>,
     /// Comma-separated weights: procedural, waymo, waymo-paper, waymo-literal, folders, or ARM=FOLDER, where several folders of one arm
     /// are its training seeds.
@@ -108,7 +108,7 @@ pub(crate) struct AxisArgs {
     #[arg(long, value_name = "NAME=W,...")]
     pub mix: Option<String>,
     /// Comma-separated latest starts that are aimed at, seconds before the contact.
-    #[arg(long, help_heading = SELECTION, aliases = ["react", "targets"], value_name = "TIMES")]
+    #[arg(long, help_heading = SELECTION, value_name = "TIMES")]
     pub latest_start: Option<String>,
     /// Comma-separated radii of the suppression among predictions, metres.
     #[arg(long, help_heading = STUDY, value_name = "M")]

@@ -44,21 +44,11 @@ Example:
   sage search scenes/ --ego idm --out failures/
   sage suite failures/ --out suite/
   sage test suite/ --ego expert
-  sage suite failures/ --diverse 30 --out suite/
-  sage suite --upgrade old-suite/ --ego idm --out suite/")]
+  sage suite failures/ --diverse 30 --out suite/")]
 pub(crate) struct SuiteArgs {
     /// Output folders of `sage search`. All must require the same clauses.
-    #[arg(required_unless_present = "upgrade", value_name = "SEARCH")]
+    #[arg(required = true, value_name = "SEARCH")]
     pub searches: Vec<PathBuf>,
-    /// Make a suite of the present definitions of this earlier one: drive --ego against its tests again, and keep those that it
-    /// fails at. Attacked scenes are not written.
-    #[arg(long, help_heading = SELECTION, value_name = "SUITE", conflicts_with_all = ["searches", "keep", "diverse", "format"], requires = "ego")]
-    pub upgrade: Option<PathBuf>,
-    /// The driver of --upgrade.
-    #[arg(long, help_heading = DRIVER, value_name = "POLICY", requires = "upgrade")]
-    pub ego: Option<DriverSpec>,
-    #[command(flatten)]
-    pub planner: PlannerArgs,
     /// Failures of each scene that are kept (default: worst; with --diverse all).
     #[arg(long, help_heading = SELECTION, value_enum)]
     pub keep: Option<Keep>,

@@ -32,7 +32,7 @@ Examples:
   sage theory --data scenes/ --weights waymo --out theory/")]
 pub(crate) struct TheoryArgs {
     /// Run every claim with its injected faults.
-    #[arg(long, help_heading = CLAIMS, alias = "plant", conflicts_with_all = ["out", "data"])]
+    #[arg(long, help_heading = CLAIMS, conflicts_with_all = ["out", "data"])]
     pub inject: bool,
     /// Only the claims with these comma-separated ids; `sage list` shows them.
     #[arg(long, help_heading = CLAIMS, value_name = "IDS", value_delimiter = ',')]
@@ -47,7 +47,7 @@ pub(crate) struct TheoryArgs {
     #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     /// Output folder of a page (`index.html`, `theory.md`) with figures.
-    #[arg(long, alias = "report", help_heading = OUTPUT, value_name = "DIR")]
+    #[arg(long, help_heading = OUTPUT, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Write into a folder that is not empty.
     #[arg(long, help_heading = OUTPUT, requires = "out")]

@@ -49,14 +49,14 @@ pub(crate) struct TrainEgoArgs {
     #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 120, value_parser = clap::value_parser!(u64).range(3..=MOST_PROCEDURAL))]
     pub procedural: u64,
     /// Generator of the attacks, by its name in `sage list`, or none.
-    #[arg(long, help_heading = ATTACK, alias = "generator", value_name = "NAME", default_value = "none")]
+    #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "none")]
     pub method: Part,
     /// Let the newest policy drive against up to N of the drivable plans of --method, and attack by the first at which it is at
     /// fault, or by the strongest.
     #[arg(long, help_heading = ATTACK, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
     pub search: Option<u64>,
     /// Generator of the attacks in the evaluation, or none.
-    #[arg(long, help_heading = ATTACK, alias = "eval-generator", value_name = "NAME", default_value = "sage")]
+    #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "sage")]
     pub eval_method: Part,
     /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder.
     #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "procedural")]

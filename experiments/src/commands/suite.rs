@@ -1,11 +1,8 @@
 //! `sage suite`: keeps failures of searches as tests.
 
-mod upgrade;
-
 use std::collections::{HashMap, HashSet};
 
 use advsage::{
-    Registries,
     attacked_files::{Attack, AttackedFiles, names_of_file},
     rows::{
         failure::FailureRow,
@@ -78,10 +75,7 @@ struct Candidate {
     features: Features,
 }
 
-pub(crate) fn run(args: &SuiteArgs, registries: &Registries) -> Result<Outcome> {
-    if let (Some(from), Some(ego)) = (&args.upgrade, &args.ego) {
-        return upgrade::run(args, from, ego, registries);
-    }
+pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     let mut searches: Vec<Found> =
         args.searches.iter().map(|folder| Found::read(folder)).collect::<Result<_>>()?;
     searches.iter_mut().for_each(|search| search.rows.retain(|row| row.failures() > 0));
@@ -129,11 +123,7 @@ pub(crate) fn run(args: &SuiteArgs, registries: &Registries) -> Result<Outcome> 
         let (search, row) = (&searches[search], &searches[search].rows[row]);
         maker.add_scene(search, row, candidates).with_context(|| of_row(search, row))?;
     }
-    let Maker { folder, mut suite, .. } = maker;
-    if suite.tests.iter().any(|test| test.found.clauses.believable_1.is_none()) {
-        // An earlier version searched.
-        suite.suite = 1;
-    }
+    let Maker { folder, suite, .. } = maker;
     suite.check()?;
     if args.format.has(Format::Pickle) {
         dataset::write_tables(folder.path())?;

@@ -19,7 +19,7 @@ use sage_sim::{
     SimScene,
     search::{
         passing::{Asked, TestDrive},
-        suite::{self, FILE, SCENES, Suite, SuiteTest, VERSION},
+        suite::{FILE, SCENES, Suite, SuiteTest},
     },
 };
 
@@ -39,9 +39,6 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
     let suite = read(&args.suite)?;
     let ego = Ego { fault: suite.fault, ..ego.with_references(&suite.references, registries)? };
-    if suite.suite < VERSION && (args.strict || args.comfort) {
-        bail!("--strict and --comfort need a suite of version {VERSION}; make one of a new search");
-    }
     let asked = Asked { no_contact: args.strict, comfort: args.comfort };
     let rule = registries
         .feasibilities
@@ -76,25 +73,10 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     Ok(row::ended(&rows, baseline.as_ref()))
 }
 
-/// Reads a suite, with the definitions that its failures were found by.
-///
-/// *Errors*: it is none, or not as it was made.
-fn read(folder: &Path) -> Result<Suite> {
-    let suite = read_as_written(folder)?;
-    if suite.suite < VERSION {
-        progress::say(&format!(
-            "note: `{}` is of version {}: plans without limits of turns, and a test passes if its plan is no failure; it is evaluated as then (`sage suite --upgrade`)",
-            folder.join(FILE).display(),
-            suite.suite
-        ));
-    }
-    Ok(suite.as_found())
-}
-
 /// Reads a suite.
 ///
 /// *Errors*: it is none, or not as it was made.
-pub(super) fn read_as_written(folder: &Path) -> Result<Suite> {
+fn read(folder: &Path) -> Result<Suite> {
     let path = folder.join(FILE);
     let shown = path.display();
     if !path.is_file() && folder.join(RECORD).is_file() {
@@ -192,11 +174,6 @@ fn drive<'s>(
         let row = caught(|| {
             let (ctx, driver) = unattacked.as_ref().map_err(|error| anyhow!("{error:#}"))?;
             let seconds = || before + clock.elapsed().as_secs_f64();
-            if suite.suite < VERSION {
-                let evaluated = suite::run(suite, driver, ctx, rule, &test.plan)?;
-                let evaluated = evaluated.context(NOT_FEASIBLE)?;
-                return Ok(ResultRow::by_clauses(suite, test, &ego.label, evaluated, seconds()));
-            }
             ensure!(rule.is_feasible(&ctx.candidate(test.plan.clone()), ctx), NOT_FEASIBLE);
             let watching = driver.watching()?;
             let driven = TestDrive::new(driver, &watching, &test.plan)?;

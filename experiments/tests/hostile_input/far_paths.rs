@@ -35,7 +35,7 @@ fn a_jump_of_the_ego_costs_its_scene_alone() {
         vec!["generate", text(&scenes), "--method", "rule", "--out", "OUT"],
         vec!["simulate", text(&scenes), "--ego", "idm", "--out", "OUT"],
         vec!["convert", text(&scenes), "--to", "womd", "--out", "OUT"],
-        vec!["bench", "drivers", text(&scenes), "--policies", "idm", "--unattacked", "--out", "OUT"],
+        vec!["bench", "drivers", text(&scenes), "--ego", "idm", "--unattacked", "--out", "OUT"],
     ] {
         let out = at(command[0]);
         let command: Vec<&str> =

@@ -46,9 +46,9 @@ fn no_command_replaces_an_input() {
         vec!["simulate", &scene, "--ego", &ego, "--out", "ROOT"],
         vec!["finetune", &scene, "--prior", &weights, "--out", &weights],
         vec!["pretrain", &scene, "--from", &prior, "--out", &weights],
-        vec!["bench", "front", &scene, "--methods", "rule", "--weights", &weights, "--out", &weights],
-        vec!["bench", "closed-loop", &scene, "--policies", &ego, "--out", "POLICIES"],
-        vec!["bench", "drivers", &scene, "--policies", &ego, "--unattacked", "--out", "ROOT"],
+        vec!["bench", "front", &scene, "--method", "rule", "--weights", &weights, "--out", &weights],
+        vec!["bench", "closed-loop", &scene, "--ego", &ego, "--out", "POLICIES"],
+        vec!["bench", "drivers", &scene, "--ego", &ego, "--unattacked", "--out", "ROOT"],
     ];
     let [candidates, recipe, policies, all] =
         [at("c.json"), at("recipe.yaml"), at("policies"), root.display().to_string()];

@@ -76,14 +76,14 @@ fn pipes_on_the_command_line_are_read_once_and_those_in_folders_never() {
         row
     };
     let table = at("table").display().to_string();
-    let table_of_file = sage(&["bench", "open-loop", &scene, "--methods", "log", "--out", &table]);
+    let table_of_file = sage(&["bench", "open-loop", &scene, "--method", "log", "--out", &table]);
     for path in ["-", "/dev/stdin"] {
         assert_eq!(row(&piped(&["inspect", path, "--json"], &scene)), row(&plain), "{path}");
         assert!(
             stdout(&piped(&["bench", "speed", "--data", path, "--repeat", "1"], &scene)).contains("attack")
         );
         let table = at(&format!("table{}", path.len())).display().to_string();
-        let arguments = ["bench", "open-loop", path, "--methods", "log", "--out", &table];
+        let arguments = ["bench", "open-loop", path, "--method", "log", "--out", &table];
         assert_eq!(stdout(&piped(&arguments, &scene)), stdout(&table_of_file));
     }
     let out = at("attacked").display().to_string();
@@ -176,7 +176,7 @@ fn a_closed_output_keeps_no_file_from_being_written() {
         // Pickle, row, picture and page of each, and two tables, the record, the manifest and the page of all.
         assert_eq!(hostile::snapshot(&out).len(), 3 * 4 + 5);
         let table = folder.path().join(format!("table{number}"));
-        run(&["bench", "open-loop", text(&scenes), "--methods", "log,sage", "--out", text(&table)]);
+        run(&["bench", "open-loop", text(&scenes), "--method", "log,sage", "--out", text(&table)]);
         assert!(table.join("index.html").is_file() && table.join("table.md").is_file());
     }
 }

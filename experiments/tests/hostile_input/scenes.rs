@@ -64,7 +64,7 @@ fn no_command_runs_what_is_in_a_scene_file() {
             vec!["calibrate", file, "--out", &out("dial.json")],
             vec!["bench", "speed", "--data", file, "--repeat", "1"],
             vec!["bench", "prediction", file, "--out", &out("errors")],
-            vec!["bench", "open-loop", file, "--methods", "log", "--out", &out("table")],
+            vec!["bench", "open-loop", file, "--method", "log", "--out", &out("table")],
             vec!["bench", "dial", file, "--out", &out("dial")],
         ]
         .map(|command| command.into_iter().map(str::to_owned).collect())

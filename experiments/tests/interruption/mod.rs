@@ -91,7 +91,7 @@ impl Case {
             "convert-shards" => (&["convert", "scenes", "--to", "womd", "--scenes-per-file", "2"], false),
             "convert-scenarios" => (&["convert", "scenes", "--to", "openscenario"], false),
             "open-loop" => {
-                let methods = ["--methods", "sage,rule,log", "--lambda", "1", "--ego", "replay,idm"];
+                let methods = ["--method", "sage,rule,log", "--lambda", "1", "--ego", "replay,idm"];
                 (&[&["bench", "open-loop", "scenes"][..], &methods].concat(), false)
             }
             "drivers" => {

@@ -81,18 +81,18 @@ pub const COMMANDS: &[Row] = &[
     ("train-ego", TRAIN_EGO, &["seed-0/buffer/", "seed-0/checkpoint.safetensors"]),
     (
         "open-loop",
-        &["bench", "open-loop", "scenes", "--methods", "rule,log", "--lambda", "1"],
+        &["bench", "open-loop", "scenes", "--method", "rule,log", "--lambda", "1"],
         &[".sage-rows/", ".sage-rows/000000.json"],
     ),
-    ("drivers", &["bench", "drivers", "scenes", "--policies", "idm", "--unattacked"], &[]),
-    ("front", &["bench", "front", "scenes", "--weights", "procedural", "--methods", "rule"], &[]),
+    ("drivers", &["bench", "drivers", "scenes", "--ego", "idm", "--unattacked"], &[]),
+    ("front", &["bench", "front", "scenes", "--weights", "procedural", "--method", "rule"], &[]),
     (
         "latest-start",
-        &["bench", "latest-start", "scenes", "--weights", "procedural", "--methods", "rule"],
+        &["bench", "latest-start", "scenes", "--weights", "procedural", "--method", "rule"],
         &[],
     ),
     ("dial", &["bench", "dial", "scenes", "--weights", "procedural"], &[]),
-    ("closed-loop", &["bench", "closed-loop", "scenes", "--policies", "idm", "--methods", "rule"], &[]),
+    ("closed-loop", &["bench", "closed-loop", "scenes", "--ego", "idm", "--method", "rule"], &[]),
     ("connectivity", &["analyse", "connectivity", "--weights", "procedural"], &[]),
 ];
 

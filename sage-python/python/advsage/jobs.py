@@ -176,7 +176,7 @@ def _of_generate(engine: argparse.ArgumentParser) -> argparse.ArgumentParser:
     add = parser.add_argument_group("selection").add_argument
     add("--selection", default="natural", metavar="NAME", help="objective that selects (default: natural)")
     add("--feasibility", metavar="NAME", help="feasibility rule in place of that of the selection")
-    add("--latest-start", "--react", metavar="T", help="seconds before the contact at which an evasive manoeuvre must begin")
+    add("--latest-start", metavar="T", help="seconds before the contact at which an evasive manoeuvre must begin")
     add("--avoidable", nargs="?", const="{}", metavar="JSON", help="options of the search for evasive manoeuvres")
     add = parser.add_argument_group("driver").add_argument
     add("--ego", default="replay", metavar="POLICY", help="drives the ego before the attack (default: replay)")

@@ -12,7 +12,7 @@ use sage_data::womd;
 use super::{command_line, resolved_folder};
 
 /// Flags whose value is an output, not an input.
-const OUTPUTS: [&str; 4] = ["--out", "--report", "--junit", "--svg"];
+const OUTPUTS: [&str; 3] = ["--out", "--junit", "--svg"];
 /// Flags whose value may be the name of a part or of a format, as well as a file.
 const NAMED: [&str; 8] =
     ["--format", "--to", "--method", "--ego", "--merger", "--selection", "--feasibility", "--order"];
@@ -147,7 +147,7 @@ mod tests {
             at("scene.pkl"),
             "--ego".to_owned(),
             format!("idm,td3:{},path:none", at("a.safetensors")),
-            "--policies".to_owned(),
+            "--ego".to_owned(),
             format!("path:{}", at("b,c.json")),
             format!("--splits={}", at("splits.json")),
             "--run".to_owned(),
@@ -155,7 +155,7 @@ mod tests {
             format!(r#"path{{"file": "{}"}}"#, at("d.json")),
             "--out".to_owned(),
             file("out").display().to_string(),
-            format!("--report={}", file("report").display()),
+            format!("--junit={}", file("report").display()),
         ];
         let Inputs(mut found) = Inputs::named(arguments.into_iter());
         let mut expected = all.to_vec();

@@ -18,7 +18,7 @@ pub enum Clause {
     Avoidable,
     /// A reference driver, which does not know the plan, prevents the contact.
     Preventable,
-    /// [`Clause::Believable`] by its definition before, which suites of version 1 ask: without turns and the time across lanes.
+    /// [`Clause::Believable`] by its definition before, which searches may ask: without turns and the time across lanes.
     #[serde(rename = "believable-1")]
     Believable1,
 }
@@ -87,12 +87,6 @@ impl Requirement {
     /// Its clauses in their order.
     pub fn clauses(self) -> impl Iterator<Item = Clause> {
         NAMED.into_iter().filter(move |clause| self.holds(*clause))
-    }
-
-    /// The requirement as it was meant before `believable` got its present definition.
-    pub fn before(self) -> Self {
-        let clause = |clause| if clause == Clause::Believable { Clause::Believable1 } else { clause };
-        Self::of(&self.clauses().map(clause).collect::<Vec<_>>())
     }
 }
 
@@ -264,7 +258,6 @@ mod tests {
             error,
             "`solid` is no clause; known: attack, believable-1, believable, at-fault, avoidable, preventable"
         );
-        assert_eq!(Requirement::default().before().to_string(), "attack,believable-1,at-fault,preventable");
     }
 
     #[test]

@@ -1,24 +1,19 @@
 //! A suite: failures kept as tests, which say tomorrow whether a driver got better.
 //!
 //! A test is an unchanged scene and a plan of the adversary. [`super::passing`] says when a driver passes. The version says by
-//! which definitions failures were found: those of version 1 know no limit of turns, and their tests are evaluated by the clauses.
+//! which definitions failures were found.
 //!
 //! A suite may come from anywhere: it holds values and names of files inside its own folder, and nothing in it
 //! names a program.
 
 use std::collections::HashSet;
 
-use sage_core::{
-    generator::Proposal,
-    motion::Trajectory,
-    objective::{Context, DrivableFeasibility, Feasibility, PartSpec},
-    registry::Entry,
-};
+use sage_core::{motion::Trajectory, objective::PartSpec};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Clauses, Evaluated, Met, PlanDrives, Requirement, SearchOptions};
-use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions, fault::FaultRule};
+use super::{Clauses, Met, Requirement};
+use crate::{Error, avoidable::AvoidanceOptions, fault::FaultRule};
 
 /// Version of the format and of the definitions.
 pub const VERSION: u32 = 2;
@@ -44,10 +39,8 @@ pub struct Suite {
     /// The search for an evasive manoeuvre.
     pub avoidable: AvoidanceOptions,
     /// Names of the reference drivers, in the order in which they are asked.
-    #[serde(default)]
     pub references: Vec<String>,
     /// The rule that says who is at fault.
-    #[serde(default)]
     pub fault: FaultRule,
     /// The tests.
     pub tests: Vec<SuiteTest>,
@@ -88,7 +81,6 @@ pub struct Found {
     /// Its clauses.
     pub clauses: Clauses,
     /// Name of its cluster: type of the collision, what the driver does, its speed at the contact.
-    #[serde(default)]
     pub cluster: String,
 }
 
@@ -103,9 +95,9 @@ impl Suite {
     ///
     /// *Errors*: what is wrong, with the test.
     pub fn check(&self) -> Result<(), Error> {
-        if !(1..=VERSION).contains(&self.suite) {
+        if self.suite != VERSION {
             return Err(Error::Value(format!(
-                "its version is {}; this program reads versions 1 to {VERSION}",
+                "its version is {}; expected {VERSION}: make a suite of a new search",
                 self.suite
             )));
         }
@@ -141,19 +133,6 @@ impl Suite {
         }
         Ok(())
     }
-
-    /// The suite with the definitions that its failures were found by.
-    pub fn as_found(mut self) -> Self {
-        if self.suite == 1 {
-            self.require = self.require.before();
-            if self.feasibility.name == DrivableFeasibility::NAME {
-                for name in ["turn", "lateral"] {
-                    self.feasibility.options.entry(name).or_insert(Value::Null);
-                }
-            }
-        }
-        self
-    }
 }
 
 /// Whether a name is that of one file in a folder: letters, digits and `._-#`, no dot or hyphen first.
@@ -163,22 +142,6 @@ pub fn is_plain(name: &str) -> bool {
         && name.len() <= LONGEST_NAME
         && !name.starts_with(['.', '-', ' '])
         && name.chars().all(is_plain)
-}
-
-/// Drives a driver against a plan, as suites of version 1 ask. `ctx` is that of its unattacked drive. `None` for a plan that is not
-/// feasible by the rule, which cannot be a failure.
-///
-/// *Errors*: those of [`PlanDrives`].
-pub fn run(
-    suite: &Suite,
-    test: &AttackTest,
-    ctx: &Context,
-    rule: &dyn Feasibility,
-    plan: &Trajectory,
-) -> Result<Option<Evaluated>, Error> {
-    let options =
-        SearchOptions { require: suite.require, avoidable: suite.avoidable, ..SearchOptions::default() };
-    PlanDrives::new(test, ctx, rule, &options)?.evaluate(0, &Proposal::of(plan.clone()))
 }
 
 #[cfg(test)]
@@ -222,21 +185,6 @@ mod tests {
         let read: Suite = serde_json::from_str(&text).unwrap();
         assert_eq!(read, suite());
         read.check().unwrap();
-    }
-
-    #[test]
-    fn a_suite_of_version_1_keeps_its_definitions() {
-        let of = |version: u32| {
-            let feasibility = PartSpec::named("drivable");
-            Suite { suite: version, feasibility, ..suite() }.as_found()
-        };
-        let [before, now] = [of(1), of(2)];
-        assert_eq!(before.require.to_string(), "attack,believable-1,at-fault,preventable");
-        assert_eq!(
-            serde_json::to_string(&before.feasibility.options).unwrap(),
-            r#"{"lateral":null,"turn":null}"#
-        );
-        assert_eq!((now.require, now.feasibility.options.len()), (Requirement::default(), 0));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use anyhow::Result;
 use sage_core::text::table::Table;
 use sage_run::{Outcome, output, progress, terminal};
 use sage_sim::search::{
-    Clauses, Evaluated, Met,
+    Met,
     passing::{Asked, Shortfall, TestDrive},
     suite::{Suite, SuiteTest},
 };
@@ -62,13 +62,6 @@ enum Driven {
         /// Why it failed.
         shortfall: Option<Shortfall>,
     },
-    /// By the clauses, as suites of version 1 ask.
-    Clauses {
-        contact: Option<Met>,
-        clauses: Clauses,
-        /// The first clause that does not hold, of a test that passed.
-        missing: Option<String>,
-    },
     Failed {},
 }
 
@@ -76,7 +69,6 @@ impl<'s> ResultRow<'s> {
     fn new(suite: &Suite, test: &'s SuiteTest, ego: &str, driven: Driven, seconds: f64) -> Self {
         let is_passed = match &driven {
             Driven::Measured { shortfall, .. } => shortfall.is_none(),
-            Driven::Clauses { missing, .. } => missing.is_some(),
             Driven::Failed {} => false,
         };
         Self {
@@ -120,18 +112,6 @@ impl<'s> ResultRow<'s> {
         Self::new(suite, test, ego, Driven::Measured { drive, shortfall }, seconds)
     }
 
-    pub(super) fn by_clauses(
-        suite: &Suite,
-        test: &'s SuiteTest,
-        ego: &str,
-        evaluated: Evaluated,
-        seconds: f64,
-    ) -> Self {
-        let Evaluated { clauses, contact, .. } = evaluated;
-        let missing = clauses.first_missing(suite.require).map(|clause| clause.name().to_owned());
-        Self::new(suite, test, ego, Driven::Clauses { contact, clauses, missing }, seconds)
-    }
-
     /// What happened, in words.
     fn words(&self) -> String {
         let after = |met: &Met| format!("contact after {:.1} s", met.step as f64 / 10.0);
@@ -158,10 +138,6 @@ impl<'s> ResultRow<'s> {
                     None => met,
                 }
             }
-            (None, Driven::Clauses { contact: Some(met), missing, .. }) => match missing {
-                None => format!("{}, {:.1} m/s", after(met), met.impact_speed),
-                Some(clause) => format!("{}, {}", after(met), missing_words(clause)),
-            },
             (None, _) => "no contact".to_owned(),
         }
     }
@@ -201,16 +177,6 @@ fn fault_words(drive: &TestDrive) -> &'static str {
         Some(true) => "at fault",
         Some(false) => "not at fault",
         None => "fault unknown",
-    }
-}
-
-/// Why a contact is no failure of the driver, by the clause that does not hold.
-fn missing_words(clause: &str) -> &'static str {
-    match clause {
-        "attack" => "there without the attack too, or with another road user first",
-        "believable" | "believable-1" => "not believable",
-        "at-fault" => "the driver not at fault",
-        _ => "no evasive manoeuvre found",
     }
 }
 

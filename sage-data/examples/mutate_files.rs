@@ -38,8 +38,6 @@ fn main() -> ExitCode {
         }
     };
     bases.push(include_bytes!("../../examples/crossing.pkl").to_vec());
-    bases.push(include_bytes!("../tests/data/small_p0_core.pkl").to_vec());
-    bases.push(include_bytes!("../tests/data/small_p1_core.pkl").to_vec());
     bases.push(include_bytes!("../tests/data/small_p2_core.pkl").to_vec());
     bases.push(include_bytes!("../tests/data/newest_p5.pkl").to_vec());
     let native: Result<Vec<Vec<u8>>, sage_data::Error> = bases

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use crate::{
     Error,
-    pickle::{Document, Id, Node, PickleError, PickleProblem},
+    pickle::{Document, Id, Node},
 };
 
 /// Bytes that are looked at.
@@ -27,20 +27,6 @@ pub(crate) struct Foreign {
 impl Foreign {
     pub(crate) fn error(self, path: &Path) -> Error {
         Error::OtherFormat { path: path.to_owned(), found: self.what, remedy: self.remedy }
-    }
-}
-
-/// The error that says what a file is, in place of that of the reader of pickles. A file that names a function or class
-/// keeps the error that says so.
-pub(crate) fn instead_of(error: Error, found: Option<Foreign>) -> Error {
-    match (&error, found) {
-        (Error::Pickle { problem: PickleError { kind: PickleProblem::Global(name), .. }, .. }, _)
-            if name.chars().all(|c| c.is_alphanumeric() || matches!(c, '_' | '.' | '-')) =>
-        {
-            error
-        }
-        (Error::Pickle { path, .. }, Some(found)) => found.error(path),
-        _ => error,
     }
 }
 
@@ -104,7 +90,7 @@ pub(crate) fn of_bytes(bytes: &[u8]) -> Option<Foreign> {
 
 /// The kind of a text.
 fn of_text(start: &[u8]) -> Option<Foreign> {
-    // A pickle of protocol 0 that is damaged or truncated: its own error says more.
+    // A pickle of protocol 0, though it may be cut off: its own error says more.
     if [&b"(dp"[..], b"(lp", b"(d\n", b"ccollections"].iter().any(|begin| start.starts_with(begin)) {
         return None;
     }

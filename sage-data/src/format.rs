@@ -12,7 +12,7 @@ use crate::{
 pub enum Format {
     /// A native file: safetensors.
     Native,
-    /// A Python pickle of protocol 0 to 5.
+    /// A Python pickle. Protocols 0 and 1 are refused, and are known here so that none is taken for another format.
     Pickle,
     /// Records of `Scenario` protos, as the Waymo Open Motion Dataset has them.
     TfRecord,

@@ -1,6 +1,6 @@
 //! Python pickles as data.
 //!
-//! [`Document::parse`] interprets the opcodes of protocols 0 to 5 into a graph of plain values:
+//! [`Document::parse`] interprets the opcodes of protocols 2 to 5 into a graph of plain values:
 //! numbers, text, bytes, lists, tuples, sets, dicts and numpy arrays. The few globals that scene
 //! files use are listed by name ([`Global`]). Any other global is an error that names it, so nothing is
 //! ever imported or called. The size of the file bounds work and memory.
@@ -18,7 +18,6 @@ mod numpy;
 mod objects;
 mod opcode;
 mod same;
-mod text;
 mod text_arrays;
 mod walk;
 mod writer;
@@ -39,8 +38,6 @@ pub const MAX_DEPTH: usize = 64;
 pub const MAX_NODES: usize = 2 << 20;
 /// Limit of values for the smallest files.
 const LEAST_NODES: usize = 1 << 14;
-/// Largest number of digits of a number as text: CPython's limit for ints.
-pub const MAX_DIGITS: usize = 4300;
 /// Largest number of open marks; picklers nest marks as deep as containers.
 const MAX_MARKS: usize = 1024;
 
@@ -62,15 +59,18 @@ pub enum PickleProblem {
     #[error("the file is empty")]
     EmptyFile,
     /// A file that does not start like a pickle.
-    #[error(
-        "not a pickle: the first byte is {first:#04x}, expected 0x80 (PROTO) or an opcode that begins a pickle of protocol 0 or 1"
-    )]
+    #[error("not a pickle: the first byte is {first:#04x}, expected 0x80 (PROTO)")]
     NotAPickle {
         /// First byte of the file.
         first: u8,
     },
+    /// A pickle of protocol 0 or 1, or a file that begins like one.
+    #[error(
+        "a pickle of protocol 0 or 1, which is not read; nothing in it was run. Python runs what a pickle names, so only if you trust the file, save it again: python3 -c 'import pickle, sys; pickle.dump(pickle.load(open(sys.argv[1], \"rb\")), open(sys.argv[2], \"wb\"), protocol=4)' OLD.pkl NEW.pkl"
+    )]
+    OldProtocol,
     /// A protocol above 5.
-    #[error("pickle protocol {0}; expected 0 to 5")]
+    #[error("pickle protocol {0}; expected 2 to 5")]
     Protocol(u8),
     /// An opcode that plain values do not need.
     #[error("opcode {name} ({code:#04x}) is not allowed in a scene file")]
@@ -110,16 +110,6 @@ pub enum PickleProblem {
     /// A memo entry that was never stored, or whose index exceeds the file's size.
     #[error("memo entry {0} does not exist")]
     Memo(u64),
-    /// The text after an opcode of protocol 0 is not as Python writes it.
-    #[error("the line of {opcode} is `{found}`; expected {expected}")]
-    Line {
-        /// Name of the opcode.
-        opcode: &'static str,
-        /// The start of the line.
-        found: String,
-        /// The form needed.
-        expected: &'static str,
-    },
     /// Text that is not UTF-8.
     #[error("text is not UTF-8")]
     Text,

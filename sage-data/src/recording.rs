@@ -93,12 +93,16 @@ impl Recording {
         if format == Some(Format::Parquet) {
             return Self::of_parquet(path, bytes, options);
         }
-        let found = if format.is_none() { foreign::of_bytes(&bytes) } else { None };
+        if format.is_none()
+            && let Some(found) = foreign::of_bytes(&bytes)
+        {
+            return Err(found.error(path));
+        }
         if format == Some(Format::Native) {
             let scene = native::decode(&bytes, options, path)?;
             return Self::checked(path, scene, Source::Native(bytes), options);
         }
-        let source = parse(path, bytes).map_err(|error| foreign::instead_of(error, found))?;
+        let source = parse(path, bytes)?;
         let explain = |error| foreign::of_document(&source).map_or(error, |found| found.error(path));
         let scene = metadrive::decode(&source, options, path).map_err(explain)?.scene;
         Self::checked(path, scene, Source::Pickle(source), options)

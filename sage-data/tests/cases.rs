@@ -23,6 +23,7 @@ type Expected<'e> = Result<(usize, usize, &'e str, &'e [&'e str]), &'e [&'e str]
 
 const SHORT: &[&str] = &["short-recording"];
 const RATE: &[&str] = &["frame-rate"];
+const OLD: &[&str] = &["protocol 0 or 1", "python3 -c"];
 const OUT: &[&str] = &["track-left-out"];
 const NO_EDGE: &[&str] = &["no-road-edges"];
 
@@ -65,8 +66,8 @@ const CASES: &[(&str, Expected)] = &[
     ("parking_far", Ok((91, 3, "a", NO_EDGE))),
     ("poly_lists", Ok((91, 3, "b", &[]))),
     ("pos2d", Ok((91, 3, "b", &[]))),
-    ("proto0", Ok((91, 3, "b", &[]))),
-    ("proto1", Ok((91, 3, "b", &[]))),
+    ("proto0", Err(OLD)),
+    ("proto1", Err(OLD)),
     ("proto2", Ok((91, 3, "b", &[]))),
     ("queue_moves_off", Ok((91, 2, "l", &[]))),
     ("rate_100hz", Ok((91, 3, "b", RATE))),

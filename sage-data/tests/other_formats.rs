@@ -82,28 +82,32 @@ fn damaged_scenes_keep_their_error() {
     assert_snapshot!("damaged_scenes", said.join("\n"));
 }
 
-/// A dict of str keys in protocol 0; values are opcodes.
+/// A dict of str keys; values are opcodes.
 fn dict(entries: &[(&str, &str)]) -> String {
-    let body: String = entries.iter().map(|(key, value)| format!("V{key}\n{value}s")).collect();
-    format!("(d{body}")
+    let body: String = entries.iter().map(|(key, value)| format!("{}{value}s", text(key))).collect();
+    format!("}}{body}")
+}
+
+fn text(word: &str) -> String {
+    format!("X{}\0\0\0{word}", char::from(word.len() as u8))
 }
 
 #[test]
 fn tables_of_data_sets_given_as_scenes_are_named() {
-    let summary = dict(&[("object_summary", "(d"), ("number_summary", "(d")]);
-    let short = dict(&[("sdc_id", "V1\n"), ("track_length", "I91\n")]);
-    let scene = dict(&[("tracks", "(d"), ("length", "I91\n")]);
+    let summary = dict(&[("object_summary", "}"), ("number_summary", "}")]);
+    let short = dict(&[("sdc_id", &text("1")), ("track_length", "K[")]);
+    let scene = dict(&[("tracks", "}"), ("length", "K[")]);
     let tables = [
-        ("a mapping", dict(&[("sd_a_1.pkl", "V\n"), ("sd_a_2.pkl", "Vpart\n")])),
+        ("a mapping", dict(&[("sd_a_1.pkl", &text("")), ("sd_a_2.pkl", &text("part"))])),
         ("a summary of one scene", dict(&[("sd_a_1.pkl", &summary)])),
         ("a summary of two scenes", dict(&[("sd_a_1.pkl", &short), ("sd_a_2.pkl", &short)])),
         ("a summary of a short name", dict(&[("a", &short)])),
-        ("a list of scenes", format!("(l{scene}a")),
+        ("a list of scenes", format!("]{scene}a")),
         ("a dict of scenes", dict(&[("a", &scene)])),
-        ("a scene of MTR", dict(&[("track_infos", "(d"), ("map_infos", "(d")])),
+        ("a scene of MTR", dict(&[("track_infos", "}"), ("map_infos", "}")])),
     ];
     let said = tables.map(|(name, values)| {
-        let bytes = format!("{values}.").into_bytes();
+        let bytes = [b"\x80\x02", values.as_bytes(), b"."].concat();
         Document::parse(bytes.clone()).unwrap();
         format!("{name} -> {}", error_of(&bytes))
     });

@@ -28,11 +28,7 @@ fn example(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(name)
 }
 
-const SMALL: [&str; 12] = [
-    "small_p0_core.pkl",
-    "small_p0__core.pkl",
-    "small_p1_core.pkl",
-    "small_p1__core.pkl",
+const SMALL: [&str; 8] = [
     "small_p2_core.pkl",
     "small_p2__core.pkl",
     "small_p3_core.pkl",

@@ -40,15 +40,16 @@ fn names_of_types_have_their_kind() {
 }
 
 fn small() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/small_p0_core.pkl")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/small_p2_core.pkl")
 }
 
-/// A small scene with another type for its cone, or with none. In protocol 0 it is a line of text.
+/// A small scene with another type for its cone, or with none. Protocol 2 has no frames, so that lengths elsewhere stay.
 fn with_type(word: Option<&str>) -> Vec<u8> {
     let bytes = std::fs::read(small()).unwrap();
-    let (old, new) = (b"VTRAFFIC_CONE\n", word.map_or("N".to_owned(), |word| format!("V{word}\n")));
+    let text = |word: &str| [b"X", &(word.len() as u32).to_le_bytes()[..], word.as_bytes()].concat();
+    let (old, new) = (text("TRAFFIC_CONE"), word.map_or(b"N".to_vec(), text));
     let at = bytes.windows(old.len()).position(|window| window == old).unwrap();
-    [&bytes[..at], new.as_bytes(), &bytes[at + old.len()..]].concat()
+    [&bytes[..at], &new, &bytes[at + old.len()..]].concat()
 }
 
 fn type_in(bytes: Vec<u8>, id: &str) -> Option<String> {

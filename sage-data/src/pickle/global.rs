@@ -13,7 +13,7 @@ pub enum Global {
     NdArray,
     /// `numpy.dtype`.
     Dtype,
-    /// `_codecs.encode`, by which protocols 0 to 2 write bytes.
+    /// `_codecs.encode`, by which protocol 2 writes bytes.
     Encode,
     /// `collections.defaultdict`.
     DefaultDict,
@@ -21,12 +21,8 @@ pub enum Global {
     Int,
     /// `builtins.set`.
     Set,
-    /// `__builtin__.bytes` without arguments, by which protocols 0 to 2 write empty bytes.
+    /// `__builtin__.bytes` without arguments, by which protocol 2 writes empty bytes.
     Bytes,
-    /// `builtins.tuple`, the base of a [`Global::Vector`] in protocols 0 and 1.
-    Tuple,
-    /// `copyreg._reconstructor`, by which protocols 0 and 1 write a [`Global::Vector`].
-    Reconstructor,
     /// `metadrive.utils.math.Vector`, a tuple with arithmetic: MetaDrive's positions of lights. Before 0.4 its
     /// module was `math_utils`.
     Vector,
@@ -41,10 +37,10 @@ pub enum Global {
 }
 
 impl Global {
-    /// Parses the name of a global. `__builtin__` and `copy_reg` are Python 2's modules; Python 3 accepts them only in
-    /// protocols 0 to 2, where it writes `__builtin__.long` and `__builtin__.bytes` itself.
+    /// Parses the name of a global. `__builtin__` is a module of Python 2; Python 3 accepts it only in protocol 2, where it
+    /// writes `__builtin__.long` and `__builtin__.bytes` itself.
     pub(super) fn from_name(module: &[u8], name: &[u8], protocol: u8) -> Option<Self> {
-        if matches!(module, b"__builtin__" | b"copy_reg") && protocol > 2 {
+        if module == b"__builtin__" && protocol > 2 {
             return None;
         }
         Some(match (module, name) {
@@ -55,12 +51,10 @@ impl Global {
             (b"numpy", b"dtype") => Self::Dtype,
             (b"_codecs", b"encode") => Self::Encode,
             (b"collections", b"defaultdict") => Self::DefaultDict,
-            // In protocols 0 to 2, Python 3 writes `int` as Python 2's `long`.
+            // In protocol 2, Python 3 writes `int` as Python 2's `long`.
             (b"builtins" | b"__builtin__", b"int") | (b"__builtin__", b"long") => Self::Int,
             (b"builtins" | b"__builtin__", b"set") => Self::Set,
             (b"__builtin__", b"bytes") => Self::Bytes,
-            (b"builtins" | b"__builtin__", b"tuple") => Self::Tuple,
-            (b"copyreg" | b"copy_reg", b"_reconstructor") => Self::Reconstructor,
             (b"metadrive.utils.math" | b"metadrive.utils.math_utils", b"Vector") => Self::Vector,
             (b"metadrive.scenario.scenario_description", b"ScenarioDescription") => Self::ScenarioDescription,
             (b"metadrive.component.lane.point_lane", b"PointLane") => Self::PointLane,

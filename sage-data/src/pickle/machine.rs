@@ -12,7 +12,7 @@ use std::collections::HashSet;
 
 use super::{
     Document, Global, Id, LEAST_NODES, MAX_MARKS, MAX_NODES, Node, PickleError, PickleProblem as Problem,
-    Span, opcode as op,
+    Span, opcode as op, walk::begins_value,
 };
 
 /// Values that every document starts with, so that common ones need no memory.
@@ -81,20 +81,19 @@ pub(super) struct Machine {
 impl Machine {
     fn run(&mut self, opcode_at: &mut usize) -> Result<Id, Problem> {
         let first = *self.document.first().ok_or(Problem::EmptyFile)?;
-        // Protocols 0 and 1 have no PROTO; their first opcode creates a value.
-        if first != op::PROTO && !op::begins_value(first) {
-            return Err(Problem::NotAPickle { first });
+        if first != op::PROTO {
+            return Err(if begins_value(first) { Problem::OldProtocol } else { Problem::NotAPickle { first } });
         }
         loop {
             *opcode_at = self.at;
             let code = self.byte()?;
             match code {
                 op::PROTO => {
-                    let protocol = self.byte()?;
-                    if protocol > 5 {
-                        return Err(Problem::Protocol(protocol));
-                    }
-                    self.protocol = protocol;
+                    self.protocol = match self.byte()? {
+                        0 | 1 => return Err(Problem::OldProtocol),
+                        protocol @ 2..=5 => protocol,
+                        protocol => return Err(Problem::Protocol(protocol)),
+                    };
                 }
                 op::FRAME => {
                     let needed = self.length::<8>()?;
@@ -199,24 +198,15 @@ impl Machine {
                     let items = self.stack.split_off(start);
                     self.push(Node::Tuple(items))?;
                 }
-                op::TUPLE | op::LIST | op::FROZENSET => {
+                op::TUPLE | op::FROZENSET => {
                     let mark = self.mark(code)?;
                     let items = self.stack.split_off(mark);
-                    match code {
-                        op::TUPLE => self.push(Node::Tuple(items))?,
-                        op::LIST => self.push(Node::List(items))?,
-                        _ => {
-                            self.check_hashable(&items)?;
-                            self.push(Node::FrozenSet(items))?;
-                        }
+                    if code == op::TUPLE {
+                        self.push(Node::Tuple(items))?;
+                    } else {
+                        self.check_hashable(&items)?;
+                        self.push(Node::FrozenSet(items))?;
                     }
-                }
-                op::DICT => {
-                    let mark = self.mark(code)?;
-                    self.push(Node::Dict(Vec::new()))?;
-                    let dict = self.pop(code)?;
-                    self.insert_pairs(code, mark, dict)?;
-                    self.stack.push(dict);
                 }
                 op::APPEND => {
                     let item = self.pop(code)?;
@@ -272,9 +262,6 @@ impl Machine {
                             return Err(kind("the name of a global", other, "a str"));
                         }
                     }
-                }
-                op::INT | op::LONG | op::FLOAT | op::STRING | op::UNICODE | op::PUT | op::GET => {
-                    self.text_opcode(code)?;
                 }
                 op::NEWOBJ => {
                     let (arguments, class) = (self.pop(code)?, self.pop(code)?);

@@ -21,7 +21,7 @@ impl Machine {
         &self.nodes[id.0 as usize]
     }
 
-    /// NEWOBJ, by which protocols from 2 on write a `Vector` and a `ScenarioDescription`. Python's value is a tuple with methods, so it is read as
+    /// NEWOBJ, which makes a `Vector` and a `ScenarioDescription`. Python's value is a tuple with methods, so it is read as
     /// the tuple that it was made from.
     #[inline(never)]
     pub(super) fn new_object(&mut self, class: Id, arguments: Id) -> Result<(), Problem> {
@@ -109,17 +109,6 @@ impl Machine {
                 Node::DefaultDict { int_factory, entries: Vec::new() }
             }
             (Global::Vector, [items]) => return self.vector(*items),
-            (Global::Reconstructor, [class, base, items]) => {
-                let is_vector = matches!(self.node(*class), Node::Global(Global::Vector))
-                    && matches!(self.node(*base), Node::Global(Global::Tuple));
-                if !is_vector {
-                    return Err(form(
-                        "the arguments of _reconstructor",
-                        "(metadrive.utils.math.Vector, tuple, items)",
-                    ));
-                }
-                return self.vector(*items);
-            }
             (Global::FromWkb, [outline]) => match self.node(*outline) {
                 // MetaDrive accepts no bytes in a scene, and the lane has the points of its outline too.
                 Node::Bytes(_) => return self.push_id(NONE),

@@ -1,4 +1,4 @@
-//! Opcodes of the pickle machine, protocols 0 to 5.
+//! Opcodes of the pickle machine, protocols 2 to 5.
 
 // A macro, so that names and codes cannot diverge.
 macro_rules! opcodes {
@@ -21,8 +21,6 @@ opcodes! {
     APPEND = b'a', BUILD = b'b', GLOBAL = b'c', APPENDS = b'e', BINGET = b'h',
     LONG_BINGET = b'j', EMPTY_LIST = b']', BINPUT = b'q', LONG_BINPUT = b'r',
     SETITEM = b's', TUPLE = b't', EMPTY_TUPLE = b')', SETITEMS = b'u', EMPTY_DICT = b'}',
-    LIST = b'l', DICT = b'd',
-    INT = b'I', LONG = b'L', FLOAT = b'F', STRING = b'S', UNICODE = b'V', PUT = b'p', GET = b'g',
     PROTO = 0x80, NEWOBJ = 0x81, TUPLE1 = 0x85, TUPLE2 = 0x86, TUPLE3 = 0x87, NEWTRUE = 0x88,
     NEWFALSE = 0x89, LONG1 = 0x8a, LONG4 = 0x8b,
     BINBYTES = b'B', SHORT_BINBYTES = b'C',
@@ -31,33 +29,18 @@ opcodes! {
     BYTEARRAY8 = 0x96,
 }
 
-/// Whether an opcode can begin a pickle of protocol 0 or 1: it creates a value from nothing, or is MARK.
-pub(super) fn begins_value(code: u8) -> bool {
-    matches!(
-        code,
-        MARK | EMPTY_LIST
-            | EMPTY_TUPLE
-            | EMPTY_DICT
-            | GLOBAL
-            | NONE
-            | INT
-            | LONG
-            | FLOAT
-            | STRING
-            | UNICODE
-            | BININT
-            | BININT1
-            | BININT2
-            | BINFLOAT
-            | BINSTRING
-            | SHORT_BINSTRING
-            | BINUNICODE
-    )
-}
-
 /// Name of any opcode, allowed or not.
 pub(super) fn name(code: u8) -> &'static str {
     known(code).unwrap_or(match code {
+        b'F' => "FLOAT",
+        b'I' => "INT",
+        b'L' => "LONG",
+        b'S' => "STRING",
+        b'V' => "UNICODE",
+        b'd' => "DICT",
+        b'g' => "GET",
+        b'l' => "LIST",
+        b'p' => "PUT",
         b'P' => "PERSID",
         b'Q' => "BINPERSID",
         b'i' => "INST",

@@ -36,10 +36,15 @@ pub(crate) fn walk(bytes: &[u8]) -> Walk {
     let begins = match bytes {
         // Python accepts PROTO for these protocols, though nothing writes it.
         [op::PROTO, protocol, ..] => *protocol < 2,
-        [first, ..] => op::begins_value(*first),
+        [first, ..] => begins_value(*first),
         [] => false,
     };
     if begins { steps(bytes).unwrap_or(Walk::Fails) } else { Walk::Fails }
+}
+
+/// Whether an opcode can begin a pickle of protocol 0 or 1: it creates a value from nothing, or is MARK.
+pub(super) fn begins_value(code: u8) -> bool {
+    b"(])}cNILFSVJKMGTUX".contains(&code)
 }
 
 /// `None` where the bytes end inside an argument.

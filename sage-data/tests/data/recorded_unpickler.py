@@ -6,7 +6,6 @@ No global is ever imported or called: `find_class` returns substitutes that reco
 would construct. Prints the number of programs that agree. The first difference ends the run with exit code 1.
 """
 import _pickle
-import copyreg
 import io
 import struct
 import sys
@@ -109,12 +108,6 @@ class Vector(tuple):
     """metadrive.utils.math.Vector: a tuple with arithmetic."""
 
 
-def reconstructor(cls, base, state):
-    if cls is not Vector or base is not tuple:
-        raise TypeError("_reconstructor")
-    return base.__new__(cls, state)
-
-
 def reconstruct(cls, shape, dtype):
     if cls is not NDARRAY or shape != (0,) or dtype not in (b"b", "b"):
         raise TypeError("_reconstruct")
@@ -156,16 +149,14 @@ for core in ("core", "_core"):
     TABLE[f"numpy.{core}.numeric", "_frombuffer"] = frombuffer
 for module in ("math", "math_utils"):
     TABLE[f"metadrive.utils.{module}", "Vector"] = Vector
-BUILTINS = {int: INT, set: make_set, bytes: make_bytes, tuple: tuple, copyreg._reconstructor: reconstructor}
+BUILTINS = {int: INT, set: make_set, bytes: make_bytes}
 
 
 class Unpickler(_pickle.Unpickler):
     def find_class(self, module, name):
         if (module, name) in TABLE:
             return TABLE[module, name]
-        names = ("int", "long", "set", "bytes", "tuple")
-        is_copyreg = module in ("copyreg", "copy_reg") and name == "_reconstructor"
-        if is_copyreg or (module in ("builtins", "__builtin__") and name in names):
+        if module in ("builtins", "__builtin__") and name in ("int", "long", "set", "bytes"):
             # CPython decides in which protocols the names of Python 2 are valid. Nothing is called.
             return BUILTINS[super().find_class(module, name)]
         raise _pickle.UnpicklingError(f"{module}.{name}")

@@ -20,8 +20,8 @@ impl Writer {
     fn global(&mut self, kind: Kind) {
         let of_kind: Vec<_> = NAMES.iter().filter(|(k, ..)| *k == kind).collect();
         let (_, mut module, name) = *of_kind[self.rng.below(of_kind.len())];
-        // Python 2's name of the module, valid up to protocol 2 and invalid later.
-        if module == "builtins" && (self.protocol <= 2 || self.rng.below(8) == 0) {
+        // Python 2's name of the module, valid in protocol 2 and invalid later.
+        if module == "builtins" && (self.protocol == 2 || self.rng.below(8) == 0) {
             module = "__builtin__";
         }
         if self.rng.below(4) == 0 {
@@ -169,6 +169,22 @@ impl Writer {
         self.maybe_store();
     }
 
+    /// MetaDrive's `Vector`, as an object and as a call, and with errors.
+    pub(super) fn vector(&mut self) {
+        let module = ["metadrive.utils.math", "metadrive.utils.math_utils"][self.rng.below(2)];
+        self.op(b'c');
+        self.out.extend(format!("{module}\nVector\n").bytes());
+        match self.rng.below(12) {
+            0 => self.out.extend(b"]\x85"),
+            1 => self.op(b')'),
+            _ => self.out.extend(b"G@D\0\0\0\0\0\0K\x02\x86\x85"),
+        }
+        let code = [0x81, b'R'][self.rng.below(2)];
+        self.op(code);
+        self.push(Kind::Key, 3);
+        self.maybe_store();
+    }
+
     /// Calls that create objects other than numpy's.
     pub(super) fn call(&mut self) {
         match self.rng.below(3) {
@@ -192,8 +208,8 @@ impl Writer {
                     }
                     _ => {
                         let (module, name) = match (self.protocol, self.rng.below(2)) {
-                            (0..=2, 0) => ("__builtin__", "long"),
-                            (0..=2, _) => ("__builtin__", "int"),
+                            (2, 0) => ("__builtin__", "long"),
+                            (2, _) => ("__builtin__", "int"),
                             _ => ("builtins", "int"),
                         };
                         self.op(b'c');

@@ -18,11 +18,6 @@ impl Writer {
                 self.memoizes_after_gap |= self.memo.keys().next_back().is_some_and(|last| *last >= next);
                 next
             }
-            3 if self.protocol < 2 => {
-                let entry_index = self.rng.below(300) as u32;
-                self.put(entry_index);
-                entry_index
-            }
             3 => {
                 let entry_index = self.rng.below(10) as u8;
                 self.op(b'q');
@@ -52,7 +47,6 @@ impl Writer {
             return;
         }
         match u8::try_from(entry_index) {
-            _ if self.protocol < 2 && self.rng.below(2) == 0 => self.get(entry_index),
             Ok(entry_index) if self.rng.below(2) == 0 => {
                 self.op(b'h');
                 self.out.push(entry_index);

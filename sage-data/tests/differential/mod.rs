@@ -8,7 +8,6 @@ mod canonical;
 mod globals;
 mod memo;
 mod program;
-mod text;
 
 use std::{
     collections::BTreeSet,

@@ -17,7 +17,7 @@ pub struct Program {
 }
 
 /// Opcodes that the reader knows, `BUILD` to `SETITEMS`, as in `src/pickle/opcode.rs`.
-pub const OPCODES: &[u8] = b"(.012GJKMNRTUXabcehj]qrst)u}ldILFSVpg\
+pub const OPCODES: &[u8] = b"(.012GJKMNRTUXabcehj]qrst)u}\
     \x80\x81\x85\x86\x87\x88\x89\x8a\x8bBC\x8c\x8d\x8e\x8f\x90\x91\x93\x94\x95\x96";
 
 /// The model's kind of a value.
@@ -82,14 +82,12 @@ pub fn program(number: u64) -> Program {
         marks: Vec::new(),
         memo: BTreeMap::new(),
         memoizes_after_gap: false,
-        protocol: 0,
+        protocol: 2,
     };
-    w.protocol = w.rng.below(6) as u8;
-    if w.protocol >= 2 || w.rng.below(20) == 0 {
-        w.op(0x80);
-        w.out.push(w.protocol);
-    }
-    let framed = w.protocol >= 2 && w.rng.below(4) == 0;
+    w.protocol += w.rng.below(4) as u8;
+    w.op(0x80);
+    w.out.push(w.protocol);
+    let framed = w.rng.below(4) == 0;
     if framed {
         w.op(0x95);
         w.out.extend([0; 8]);
@@ -170,9 +168,6 @@ impl Writer {
     }
 
     pub(super) fn literal(&mut self) {
-        if self.rng.below(if self.protocol < 2 { 2 } else { 12 }) == 0 {
-            return self.text_literal();
-        }
         let mut kind = Kind::Key;
         match self.rng.below(18) {
             0 => self.op(b'N'),
@@ -276,11 +271,7 @@ impl Writer {
             (items.iter().all(is_key), items.len().is_multiple_of(2) && items.iter().step_by(2).all(is_key));
         let mut options: Vec<(u8, Option<Kind>)> = vec![(b'1', None)];
         if plain && size < LARGEST {
-            options
-                .extend([(b't', Some(if keys { Kind::Key } else { Kind::Other })), (b'l', Some(Kind::List))]);
-            if pairs {
-                options.push((b'd', Some(Kind::Dict)));
-            }
+            options.push((b't', Some(if keys { Kind::Key } else { Kind::Other })));
             if keys {
                 options.push((0x91, Some(Kind::Key)));
             }

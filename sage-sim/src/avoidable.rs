@@ -10,7 +10,6 @@
 //! An evasive manoeuvre that is found exists, and any simulator can replay it. That none is found proves nothing.
 
 mod car;
-pub mod earlier_names;
 mod follower;
 mod latest_start;
 mod limits;
@@ -61,13 +60,10 @@ pub struct Avoidable {
     /// Whether the last evasive manoeuvre leaves the lane at a frame at which the ego's own path is in one.
     pub leaves_lane: Option<bool>,
     /// Latest start of an evasive manoeuvre, seconds before the contact; `None` without one.
-    #[serde(flatten, with = "earlier_names::latest_start")]
     pub latest_start: Option<f64>,
     /// The same of braking alone, on the ego's path.
-    #[serde(flatten, with = "earlier_names::latest_brake")]
     pub latest_brake: Option<f64>,
     /// The same of steering alone, at the speed of the start.
-    #[serde(flatten, with = "earlier_names::latest_steer")]
     pub latest_steer: Option<f64>,
     /// Peak deceleration of the mildest evasive manoeuvre that begins *now*, m/s²; `None` if only later starts have one.
     pub mildest_deceleration: Option<f64>,

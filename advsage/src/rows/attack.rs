@@ -77,8 +77,6 @@ pub struct ChosenScores {
     /// Whether the reference driver `r157` prevents the contact; empty without one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<Answer>,
-    /// The same; the earlier name of this field, for one version.
-    pub r157_avoids: Option<bool>,
 }
 
 /// One candidate of an attack; `T` is its trajectory and `S` its scores, which are written as they were printed once and read as needed.

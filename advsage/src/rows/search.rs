@@ -8,7 +8,6 @@ use sage_core::{
     text::{count, escaped_name},
 };
 use sage_sim::{
-    avoidable::earlier_names,
     reference::Answer,
     search::{Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement, SearchResult},
 };
@@ -124,7 +123,6 @@ pub struct FoundFailure {
     contact: Option<Met>,
     clauses: Clauses,
     reward: f64,
-    #[serde(flatten, with = "earlier_names::latest_start")]
     latest_start: Option<f64>,
 }
 
@@ -139,8 +137,6 @@ pub struct EvaluatedRow {
     pub reward: f64,
     /// Latest start within the limits of UN R157's driver, s before the contact.
     pub latest_start_r157: Option<f64>,
-    /// Whether there is one; the earlier name of this field, for one version.
-    pub avoidable_r157: Option<bool>,
     /// Seconds from the onset of the plan to the latest start.
     pub human_time: Option<f64>,
     /// The reference drivers that were asked whether they prevent the contact.
@@ -157,7 +153,6 @@ impl EvaluatedRow {
             clauses: *clauses,
             reward: *reward,
             latest_start_r157: evaluated.latest_start_r157,
-            avoidable_r157: evaluated.latest_start.map(|_| evaluated.latest_start_r157.is_some()),
             human_time: *human_time,
             references: references.clone(),
         }
@@ -183,7 +178,6 @@ pub struct DrivenRow<'r> {
     #[serde(flatten)]
     pub evaluated: EvaluatedRow,
     /// Seconds before the contact at which an evasive manoeuvre could still begin.
-    #[serde(flatten, with = "earlier_names::latest_start")]
     pub latest_start: Option<f64>,
     /// The error of the driver.
     pub error: Option<&'r str>,

@@ -8,7 +8,7 @@ use advsage::{
     prepared::Prepared,
     rows::{
         GeneratedBy,
-        attack::{AttackRow, ChosenScores, LeftOutRow, is_prevented},
+        attack::{AttackRow, ChosenScores, LeftOutRow},
     },
 };
 use anyhow::Result;
@@ -215,7 +215,6 @@ impl<'w> SceneWriter<'w> {
                 scores: scores.clone(),
                 avoidable: avoidable.clone(),
                 references: references.clone(),
-                r157_avoids: is_prevented(references),
             },
             candidates,
         }

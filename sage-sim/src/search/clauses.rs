@@ -161,7 +161,7 @@ impl Clauses {
 
     /// Whether a clause and the ones before it hold.
     pub fn reach(&self, clause: Clause) -> bool {
-        // Rows of earlier versions do not answer `believable-1`.
+        // `believable` is not asked after `believable-1`.
         let before = Clause::ALL.into_iter().take_while(|c| *c < clause.as_asked());
         before.chain([clause]).all(|c| self.holds(c))
     }
@@ -266,7 +266,7 @@ mod tests {
         assert!(clauses.meet(Requirement::of(&[Clause::Believable])));
         assert_eq!(clauses.first_missing(Requirement::default()), Some(Clause::AtFault));
         assert_eq!(clauses.first_missing(Requirement::of(&[Clause::Attack])), None);
-        assert!(clauses.reach(Clause::Believable), "as rows of earlier versions say it");
+        assert!(clauses.reach(Clause::Believable), "`believable-1` was not asked");
         assert!(!clauses.reach(Clause::Believable1) && !clauses.reach(Clause::AtFault));
     }
 }

@@ -14,7 +14,7 @@ use super::{Circumstances, Clause, Clauses, Met, PoolPlan, Requirement, SearchOp
 use crate::{
     Error,
     attack_test::{AttackOutcome, AttackTest},
-    avoidable::{Avoidable, Avoidance, AvoidanceOptions, earlier_names},
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::Drive,
     episode::{Episode, Progress},
     reference::{Answer, Watching},
@@ -33,7 +33,6 @@ pub struct Evaluated {
     /// The paper's reward with the contact of the drive; 0 if the driver gave an error.
     pub reward: f64,
     /// Latest start of an evasive manoeuvre, seconds before the contact; `None` without one, or if it was not asked for.
-    #[serde(flatten, with = "earlier_names::latest_start")]
     pub latest_start: Option<f64>,
     /// Seconds from the onset of the plan to the latest start.
     #[serde(default, skip_serializing_if = "Option::is_none")]

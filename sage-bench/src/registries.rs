@@ -77,10 +77,10 @@ pub struct MetricRegistries {
 impl MetricRegistries {
     fn shipped() -> Result<Self, Error> {
         Ok(Self {
-            #[cfg(not(feature = "baselines"))]
-            trajectory: trajectory_metrics()?,
-            #[cfg(feature = "baselines")]
-            trajectory: trajectory_metrics()?.with_all([sage_baselines::goose::queries_metric()])?,
+            trajectory: trajectory_metrics([
+                #[cfg(feature = "baselines")]
+                sage_baselines::goose::queries_metric(),
+            ])?,
             avoidable: avoidable_metrics()?,
             policy: policy_metrics()?,
             drive: drive_metrics()?,

@@ -94,10 +94,12 @@ pub fn feasible_hit(scores: &Scores) -> bool {
     scores.collision == Some(true) && scores.feasible
 }
 
-/// The metrics of this crate, the paper's first.
+/// The metrics of this crate, the paper's first, and those of what generators add to their attacks.
 ///
 /// *Errors*: two have the same name.
-pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
+pub fn trajectory_metrics(
+    extensions: impl IntoIterator<Item = Metric<MeasuredTrajectory>>,
+) -> Result<Metrics<MeasuredTrajectory>, Error> {
     type T = MeasuredTrajectory;
     let natural = |of: fn(&Naturalness) -> Option<f64>| {
         move |t: &T| Some(of(t.natural())? - of(t.log.natural.as_ref()?)?)
@@ -192,6 +194,9 @@ pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
             Metric::mean("collision step", |t: &T| t.paper.collision_step.map(|step| step as f64))
                 .unit("steps")
                 .about("first step with contact"),
+        ])?
+        .with_all(extensions)?
+        .with_all([
             Metric::median("generation", |t: &T| Some(1e3 * t.seconds))
                 .unit("ms")
                 .about("time of one operating point; it differs from run to run")

@@ -362,10 +362,8 @@ fn drivers_are_compared_by_scene() {
     let unattacked = drivers(&["--force", "--unattacked"]);
     assert_snapshot!("drivers_without_attacks", stdout(&unattacked));
     assert_eq!(count(&rows(), "attacked-drive"), 0);
-    let twice =
-        sage(&["bench", "drivers", "--ego", "idm,idm", "--out", text(&folder.path().join("twice"))]);
-    let unknown =
-        sage(&["bench", "drivers", "--ego", "idn", "--out", text(&folder.path().join("unknown"))]);
+    let twice = sage(&["bench", "drivers", "--ego", "idm,idm", "--out", text(&folder.path().join("twice"))]);
+    let unknown = sage(&["bench", "drivers", "--ego", "idn", "--out", text(&folder.path().join("unknown"))]);
     let said =
         [("the folder of another run", &*other), ("idm,idm", stderr(&twice)), ("idn", stderr(&unknown))];
     assert_snapshot!("refused_runs_of_drivers", messages(said));

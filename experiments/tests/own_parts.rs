@@ -313,8 +313,7 @@ fn a_generator_needs_no_experts_and_follows_the_dial() {
     assert_snapshot!("an_own_generator_loads_no_experts", redacted(stderr(&output)));
     assert!(pickle(&out, "crossing-lambda1.00").is_file());
     let table = folder.path().join("table");
-    let bench =
-        ["bench", "open-loop", &scene, "--method", "brake", "--lambda", "0,1", "--out", text(&table)];
+    let bench = ["bench", "open-loop", &scene, "--method", "brake", "--lambda", "0,1", "--out", text(&table)];
     let output = run(&program, &[&bench[..], &WEIGHTS].concat());
     assert_snapshot!("table_of_an_own_generator", stdout(&output));
 }

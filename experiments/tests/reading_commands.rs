@@ -209,17 +209,8 @@ fn a_contact_at_now_is_left_out_by_every_command() {
     assert_snapshot!("table_without_a_scene_in_contact", stdout(&run));
     said.push(("bench open-loop".to_owned(), stderr(&run).to_owned()));
     let drivers = at("drivers");
-    let arguments = [
-        "bench",
-        "drivers",
-        text(&scenes),
-        "--ego",
-        "idm",
-        "--method",
-        "rule",
-        "--out",
-        text(&drivers),
-    ];
+    let arguments =
+        ["bench", "drivers", text(&scenes), "--ego", "idm", "--method", "rule", "--out", text(&drivers)];
     let run = sage(&arguments);
     assert!(run.status.success(), "{}", stderr(&run));
     said.push(("bench drivers".to_owned(), stderr(&run).to_owned()));
@@ -254,8 +245,7 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
     assert_snapshot!(redacted(stderr(&run)), @"error: `[folder]/scenes/bad.pkl`: field `tracks/leader/state/position/40` is NaN; expected a finite number within ±1e8");
     std::fs::write(scenes.join("no-scene.pkl"), b"\x80\x04N.").unwrap();
     let out = folder.path().join("drivers");
-    let arguments =
-        ["bench", "drivers", text(&scenes), "--ego", "idm", "--unattacked", "--out", text(&out)];
+    let arguments = ["bench", "drivers", text(&scenes), "--ego", "idm", "--unattacked", "--out", text(&out)];
     let run = sage(&arguments);
     assert_eq!(run.status.code(), Some(BAD_SCENES), "{}", stderr(&run));
     assert_snapshot!(redacted(stderr(&run)), @r"

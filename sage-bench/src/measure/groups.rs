@@ -163,8 +163,7 @@ fn points(
         let mix =
             axis.shares.iter().flat_map(|y| axis.shares.iter().map(move |x| Mix(named(y, x)))).collect();
         let plane = OperatingPoints { mix, mu: study.mu, ..OperatingPoints::default() };
-        points
-            .extend(plane.specs(range, || return Err(Error::Value("a plane has no aggression".to_owned())))?);
+        points.extend(plane.specs(range, || Err(Error::Value("a plane has no aggression".to_owned())))?);
     }
     Ok(points)
 }

@@ -220,7 +220,7 @@ impl Transfers {
                 result.left_out.push(reason);
             }
         } else {
-            result.cells.push(Cell::failed(key, in_one_line(&error)));
+            result.cells.push(Cell::failed(key, in_one_line(error)));
         }
     }
 }

@@ -97,7 +97,7 @@ impl Suite {
     pub fn check(&self) -> Result<(), Error> {
         if self.suite != VERSION {
             return Err(Error::Value(format!(
-                "its version is {}; expected {VERSION}: make a suite of a new search",
+                "its version is {}; this program reads version {VERSION}: make a suite of a new search",
                 self.suite
             )));
         }

@@ -14,7 +14,7 @@ use std::{
 
 use insta::assert_snapshot;
 use program::*;
-use sage_data::{Recording, folder, womd};
+use sage_data::{Recording, folder};
 use serde_json::Value;
 
 /// The invented shard: two scenes.
@@ -145,67 +145,6 @@ fn every_run_of_convert_leaves_the_same_bytes() {
         stdout(&sage(&["join", text(&parts)]));
         assert_eq!(whole, files(&parts), "{to}, in parts");
     }
-}
-
-#[test]
-fn a_broken_record_costs_nothing_else() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let mut bytes = std::fs::read(procedural(folder.path(), 5)).unwrap();
-    // A bit of the data of the third record.
-    let mut start = 0;
-    for _ in 0..2 {
-        start += 16 + u64::from_le_bytes(*bytes[start..].first_chunk().unwrap()) as usize;
-    }
-    bytes[start + 500] ^= 1;
-    let broken = at("broken.tfrecord");
-    std::fs::write(&broken, &bytes).unwrap();
-    let mut said = Vec::new();
-    for (to, count) in [("native", 4), ("pickle", 4), ("openscenario", 4), ("womd", 4)] {
-        let out = at(&format!("to-{to}"));
-        let run = sage(&["convert", text(&broken), "--to", to, "--out", text(&out)]);
-        assert_eq!(run.status.code(), Some(BAD_SCENES), "{}", stderr(&run));
-        said.push((format!("convert --to {to}"), stderr(&run).to_owned()));
-        if to != "openscenario" {
-            assert_eq!(folder::scene_files(&out).unwrap().len(), count, "{to}");
-        }
-    }
-    let inspected = sage(&["inspect", text(&broken), "--json"]);
-    said.push(("inspect".to_owned(), stderr(&inspected).to_owned()));
-    // The place of the third record is told.
-    assert!(said.iter().all(|(_, said)| said.contains(&format!("record 2 at byte {start}"))), "{said:?}");
-    assert_snapshot!("a_broken_record", messages(said));
-    assert_eq!(std::str::from_utf8(&inspected.stdout).unwrap().lines().count(), 5);
-    assert_eq!(inspected.status.code(), Some(BAD_SCENES));
-}
-
-#[test]
-fn files_that_are_no_shards_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let example_proto = [10, 26, 10, 24, 10, 20].into_iter().chain(*b"roadgraph_samples/xy").chain([18, 0]);
-    let example_proto: Vec<u8> = example_proto.collect();
-    let whole = std::fs::read(shard()).unwrap();
-    let cases = [
-        ("pickle.tfrecord", std::fs::read(example()).unwrap()),
-        ("example.tfrecord", womd::frame(&example_proto)),
-        ("text.tfrecord", b"scenario_id: 1\n".repeat(20)),
-        ("cut.tfrecord", whole[..5000].to_vec()),
-        ("empty.tfrecord", Vec::new()),
-        ("nothing.tfrecord", womd::frame(b"")),
-    ];
-    let mut said = Vec::new();
-    for (name, bytes) in cases {
-        std::fs::write(at(name), bytes).unwrap();
-        for command in [vec!["convert", "--to", "native", "--out", "out"], vec!["generate", "--out", "out"]] {
-            let file = at(name);
-            let out = at(&format!("{}-{name}", command[0]));
-            let mut arguments = vec![command[0], text(&file)];
-            arguments.extend(command[1..].iter().map(|a| if *a == "out" { text(&out) } else { a }));
-            said.push((format!("{} {name}", command[0]), failure(&arguments)));
-        }
-    }
-    assert_snapshot!("files_that_are_no_shards", messages(said));
 }
 
 #[test]

@@ -1,10 +1,9 @@
 //! As `read_scene`, from a corpus of native files, which bytes alone would not find.
 #![no_main]
 
-#[path = "../../sage-data/tests/mutation/mod.rs"]
-#[allow(dead_code)]
-mod mutation;
+#[path = "../../sage-data/tests/mutants/mod.rs"]
+mod mutants;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    let _ = mutation::consume(bytes);
+    let _ = mutants::consume("some.safetensors".as_ref(), bytes);
 });

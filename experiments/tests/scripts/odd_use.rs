@@ -1,6 +1,6 @@
 //! What a script cannot say: outputs that are closed, and arguments that are no text.
 
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use crate::{hostile, program::*};
 

@@ -83,7 +83,7 @@ pub fn any(bytes: &mut Vec<u8>, rng: &mut Rng) -> &'static str {
 }
 
 /// Replaces floats by values that no file has.
-fn numbers(bytes: &mut [u8], rng: &mut Rng) {
+pub fn numbers(bytes: &mut [u8], rng: &mut Rng) {
     let values = [f64::NAN, f64::INFINITY, 3e38, -1e30, 0.0, 1e-40, 1e300, -1e9, 1e9];
     for _ in 0..1 + rng.below(20) {
         let value = values[rng.below(values.len())];

@@ -37,7 +37,15 @@ fn killed_trainings_of_networks_go_on_to_the_same_files() {
 
 #[test]
 fn killed_runs_over_scenes_resume_to_the_same_files() {
-    killed(&["generate", "simulate", "search", "convert", "convert-shards", "convert-scenarios", "calibrate"]);
+    killed(&[
+        "generate",
+        "simulate",
+        "search",
+        "convert",
+        "convert-shards",
+        "convert-scenarios",
+        "calibrate",
+    ]);
 }
 
 #[test]
@@ -129,4 +137,3 @@ fn a_run_that_is_told_to_stop_cleans_up() {
         assert_eq!(hidden(&out), Vec::<String>::new());
     }
 }
-

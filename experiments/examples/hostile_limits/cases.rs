@@ -89,7 +89,11 @@ impl Cases {
         let base = self.root.join("base");
         let start = |words: &str| {
             let mut command = Command::new(&self.program);
-            command.args(words.split(' ')).args(["--threads", "1"]).current_dir(&base).env_remove("SAGE_WEIGHTS");
+            command
+                .args(words.split(' '))
+                .args(["--threads", "1"])
+                .current_dir(&base)
+                .env_remove("SAGE_WEIGHTS");
             command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
         };
         let of = |folder: &str| rows().into_iter().find(|row| row[2].starts_with(folder)).expect(folder)[3];

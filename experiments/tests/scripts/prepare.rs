@@ -49,7 +49,9 @@ pub fn file(root: &Path, verb: &str, words: &[&str]) -> Result<(), String> {
         ("link", [target, name]) => symlink(at(target), at(name)).unwrap(),
         ("pipe", [name]) => assert!(Command::new("mkfifo").arg(at(name)).status().unwrap().success()),
         // A file of a size, without content.
-        ("holes", [name, size]) => fs::File::create(at(name)).unwrap().set_len(size.parse().unwrap()).unwrap(),
+        ("holes", [name, size]) => {
+            fs::File::create(at(name)).unwrap().set_len(size.parse().unwrap()).unwrap()
+        }
         // Another value in a place of JSON, weights, a policy or a native scene.
         ("set", [name, place, value]) => write(name, &changed(&read(name), place, value)),
         ("unhash", [name]) => write(name, &TensorFile::of(&read(name)).without_hash().to_bytes()),
@@ -71,7 +73,9 @@ pub fn file(root: &Path, verb: &str, words: &[&str]) -> Result<(), String> {
             parameters.to_dtype(DType::F64).unwrap().save(&header, &at(name)).unwrap();
         }
         // The shipped scene with another id, or another position of a track in a frame.
-        ("scene", [name, "id", id]) => scene(&at(name), |scene| scene.id = id.replace("LONG", &"x".repeat(3000))),
+        ("scene", [name, "id", id]) => {
+            scene(&at(name), |scene| scene.id = id.replace("LONG", &"x".repeat(3000)))
+        }
         ("scene", [name, track, frame, x]) => scene(&at(name), |scene| {
             let track = scene.tracks.iter_mut().find(|found| found.id == *track).unwrap();
             track.position[frame.parse::<usize>().unwrap()] = [x.parse().unwrap(), 0.0, 0.0];
@@ -81,12 +85,14 @@ pub fn file(root: &Path, verb: &str, words: &[&str]) -> Result<(), String> {
         // A candidate from an x by steps, and the ego's path by the same.
         ("candidate", [name, numbers @ ..]) => write(name, candidate(numbers).as_bytes()),
         ("recipe", [name, weights]) => {
-            let model = |part| format!("  - model: {weights}/{part}.safetensors\n    parameters: {{weight: 0.5}}\n");
+            let model =
+                |part| format!("  - model: {weights}/{part}.safetensors\n    parameters: {{weight: 0.5}}\n");
             let models = model("realistic") + &model("adversarial");
             write(name, format!("merge_method: linear\nbase_model: {weights}\nmodels:\n{models}").as_bytes());
         }
         ("summary", [folder, files @ ..]) => {
-            let files: Vec<(&str, &str)> = files.iter().map(|file| file.split_once('=').unwrap_or((file, ""))).collect();
+            let files: Vec<(&str, &str)> =
+                files.iter().map(|file| file.split_once('=').unwrap_or((file, ""))).collect();
             hostile::summary(&at(folder), &files);
         }
         // A file that another reader runs: it makes `marker`.
@@ -107,7 +113,8 @@ pub fn file(root: &Path, verb: &str, words: &[&str]) -> Result<(), String> {
         }
         // A native scene whose source has an opcode that there is not.
         ("source", [name]) => {
-            let mut native = Recording::read(&shipped(root, "examples/crossing.pkl")).unwrap().to_native().unwrap();
+            let mut native =
+                Recording::read(&shipped(root, "examples/crossing.pkl")).unwrap().to_native().unwrap();
             let source = native.windows(3).rposition(|w| w == b"\x80\x04}").unwrap();
             native[source + 2] = 0xff;
             write(name, &native);
@@ -157,7 +164,9 @@ fn candidate(numbers: &[&str]) -> String {
     let near = Recording::read(&shipped(Path::new(""), "examples/crossing.pkl")).unwrap().scene;
     let lines: Vec<Vec<[f64; 2]>> = numbers
         .chunks(2)
-        .map(|pair| (0..80).map(|k| [near.adversary().unwrap().point(10)[0] + pair[0] + pair[1] * f64::from(k), 0.0]))
+        .map(|pair| {
+            (0..80).map(|k| [near.adversary().unwrap().point(10)[0] + pair[0] + pair[1] * f64::from(k), 0.0])
+        })
         .map(Iterator::collect)
         .collect();
     json!([{"name": "c", "trajectory": lines[0], "ego": lines.get(1)}]).to_string()

@@ -18,7 +18,10 @@ const PROMISES: &[(&str, &[&str])] = &[
         "Only the command line names a program.",
         &["sage-sim/tests/process_planners.rs: ", "experiments/tests/planner_commands.rs: "],
     ),
-    ("Writes and deletes only under `--out`.", &["outside.script", "experiments/tests/links_in_outputs/main.rs: "]),
+    (
+        "Writes and deletes only under `--out`.",
+        &["outside.script", "experiments/tests/links_in_outputs/main.rs: "],
+    ),
     ("Inputs are never replaced.", &["inputs.script"]),
     ("Reads only what is named.", &["outside.script"]),
     ("Whole files or none.", &["experiments/tests/interrupted_runs.rs: killed", "runs.script"]),
@@ -28,7 +31,10 @@ const PROMISES: &[(&str, &[&str])] = &[
         &["weights.script", "experiments/tests/scripts/weights.rs: ", "sage-sim/tests/checkpoints.rs: "],
     ),
     ("Words of strangers stay words.", &["names.script"]),
-    ("One bad scene costs nothing else.", &["shards.script", "defects.script", "far.script", "experiments/tests/odd_scenes.rs: "]),
+    (
+        "One bad scene costs nothing else.",
+        &["shards.script", "defects.script", "far.script", "experiments/tests/odd_scenes.rs: "],
+    ),
     (
         "Bounded memory and time.",
         &[
@@ -54,8 +60,13 @@ fn promises_are_those_of_the_page_and_each_has_its_tests() {
             let (file, function) = test.split_once(": ").unwrap_or((test, ""));
             let short = file.rsplit('/').find(|part| *part != "main.rs").unwrap().trim_end_matches(".rs");
             assert!(cell.contains(short), "{name} does not name `{short}`: {cell}");
-            let place = if file.ends_with(".script") { format!("experiments/tests/scripts/{file}") } else { file.to_owned() };
-            let text = std::fs::read_to_string(project.join(&place)).unwrap_or_else(|_| panic!("{name}: no {place}"));
+            let place = if file.ends_with(".script") {
+                format!("experiments/tests/scripts/{file}")
+            } else {
+                file.to_owned()
+            };
+            let text = std::fs::read_to_string(project.join(&place))
+                .unwrap_or_else(|_| panic!("{name}: no {place}"));
             assert!(text.contains(&format!("fn {function}")) || function.is_empty(), "{name}: no {test}");
         }
     }

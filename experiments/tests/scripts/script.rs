@@ -126,7 +126,9 @@ impl Script<'_> {
             ("equal", [a, b, endings @ ..]) => {
                 let files = |name| {
                     let mut files = crate::hostile::snapshot(&at(name));
-                    files.retain(|name, _| name != "run.json" && endings.iter().all(|ending| name.ends_with(ending)));
+                    files.retain(|name, _| {
+                        name != "run.json" && endings.iter().all(|ending| name.ends_with(ending))
+                    });
                     files
                 };
                 self.check(files(a) == files(b), what);
@@ -150,7 +152,8 @@ impl Script<'_> {
     /// terminal, and it changes nothing but what is below its output; no file that was there if it was refused.
     fn command(&mut self, code: i32, keeps_all: bool, mut arguments: Vec<&str>, line: &str) {
         let what = format!("{}: {line}", self.name);
-        let input = arguments.iter().position(|word| *word == "<").map(|at| arguments.split_off(at)[1].to_owned());
+        let input =
+            arguments.iter().position(|word| *word == "<").map(|at| arguments.split_off(at)[1].to_owned());
         let before = listing(&self.root);
         let output = self.output(&arguments, input.as_deref());
         let found = output.status.code();
@@ -179,7 +182,9 @@ impl Script<'_> {
         let mut words = arguments.iter().copied().peekable();
         let mut command = Command::new("timeout");
         command.arg(SECONDS).env_remove("SAGE_WEIGHTS");
-        while let Some(variable) = words.next_if(|word| word.starts_with("SAGE_") || word.starts_with("TMPDIR=")) {
+        while let Some(variable) =
+            words.next_if(|word| word.starts_with("SAGE_") || word.starts_with("TMPDIR="))
+        {
             let (name, value) = variable.split_once('=').unwrap();
             command.env(name, self.root.join(value));
         }
@@ -207,7 +212,9 @@ impl Script<'_> {
         let outs = arguments.iter().skip_while(|word| !["--out", "--report"].contains(*word)).skip(1).take(1);
         let mut outs: Vec<PathBuf> = outs.map(|out| plain(&self.folder.join(out))).collect();
         // The folder that shards are joined in.
-        outs.extend(arguments.iter().skip_while(|word| **word != "join").skip(1).map(|out| self.folder.join(out)));
+        outs.extend(
+            arguments.iter().skip_while(|word| **word != "join").skip(1).map(|out| self.folder.join(out)),
+        );
         let is_output = |name: &PathBuf| outs.iter().any(|out| name.starts_with(out));
         let is_lost = |(name, content): &(&PathBuf, &Vec<u8>)| {
             let may_change = is_output(name) && (code == 0 || code > 2);
@@ -234,7 +241,9 @@ fn listing(root: &Path) -> Listing {
             let path = entry.unwrap().path();
             let kind = path.symlink_metadata().unwrap();
             let content = match kind.file_type() {
-                kind if kind.is_symlink() => fs::read_link(&path).unwrap().into_os_string().into_encoded_bytes(),
+                kind if kind.is_symlink() => {
+                    fs::read_link(&path).unwrap().into_os_string().into_encoded_bytes()
+                }
                 kind if kind.is_dir() => {
                     open.push(path);
                     continue;

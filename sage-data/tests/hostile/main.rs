@@ -54,7 +54,8 @@ fn limited<T>(size: usize, read: impl FnOnce() -> T) -> T {
 
 /// The error of a file, which is a short line.
 fn error_of(path: &str, bytes: &[u8]) -> Option<String> {
-    let error = limited(bytes.len(), || Recording::from_bytes(Path::new(path), bytes.to_vec()).err())?.to_string();
+    let error =
+        limited(bytes.len(), || Recording::from_bytes(Path::new(path), bytes.to_vec()).err())?.to_string();
     let is_plain = error.len() < 900 && !error.chars().any(char::is_control);
     assert!(is_plain && error.starts_with(&format!("`{path}")), "{error}");
     Some(error)
@@ -66,7 +67,9 @@ fn difference(row: &str, words: &str, error: Option<String>) -> Option<String> {
         None => words.is_empty(),
         Some(error) => !words.is_empty() && words.split(';').all(|word| error.contains(word)),
     };
-    (!holds).then(|| format!("{row}: `{words}` is expected, and it says: {}", error.unwrap_or("it is read".into())))
+    (!holds).then(|| {
+        format!("{row}: `{words}` is expected, and it says: {}", error.unwrap_or("it is read".into()))
+    })
 }
 
 /// Compares the rows of a table with what is read.
@@ -101,12 +104,17 @@ fn programs_are_refused_or_values() {
     let _turn = turn();
     assert_table(programs::all().map(|Program { name, bytes, words }| {
         let size = bytes.len() + (32 << 20);
-        (name.to_owned(), words, limited(size, || mutants::consume(Path::new("some.pkl"), &bytes)).err().map(|e| e.to_string()))
+        (
+            name.to_owned(),
+            words,
+            limited(size, || mutants::consume(Path::new("some.pkl"), &bytes)).err().map(|e| e.to_string()),
+        )
     }));
     for (module, name) in programs::hostile_globals() {
         for code in [format!("c{module}\n{name}\n."), format!("c{module}\n{name}\n)R.")] {
             for start in [&b"\x80\x04"[..], b"\x80\x02", b"\x80\x04N0"] {
-                let error = Document::parse([start, code.as_bytes()].concat()).map(drop).unwrap_err().to_string();
+                let error =
+                    Document::parse([start, code.as_bytes()].concat()).map(drop).unwrap_err().to_string();
                 assert!(error.contains("is not allowed"), "{module} {name}: {error}");
             }
         }
@@ -122,7 +130,11 @@ fn damage(format: &Format, count: u64) {
         scenes += u64::from(limited(mutant.bytes.len() + (128 << 20), || format.read(&mutant)).0);
     }
     let refused = count - scenes;
-    assert!(scenes > count / 50 && refused > count / 4, "{}: {scenes} scenes, {refused} refused", format.name);
+    assert!(
+        scenes > count / 50 && refused > count / 4,
+        "{}: {scenes} scenes, {refused} refused",
+        format.name
+    );
 }
 
 #[test]
@@ -140,7 +152,8 @@ fn cut_files_are_refused() {
         let format = format(name);
         let whole = &format.bases[0];
         for cut in (whole.len() / 40..whole.len()).step_by(whole.len() / 40) {
-            let error = error_of(format.path, &whole[..cut]).unwrap_or_else(|| panic!("{name} cut at {cut} is read"));
+            let error =
+                error_of(format.path, &whole[..cut]).unwrap_or_else(|| panic!("{name} cut at {cut} is read"));
             assert!(error.contains(words), "{name} cut at {cut}: {error}");
         }
     }

@@ -25,7 +25,8 @@ fn with(column: &'static str, which: &str, value: &str) -> Vec<u8> {
         return parquet(&rows, &Shape { without: vec![column], ..Shape::default() });
     }
     let number = which.parse::<usize>().ok();
-    let is_meant = |(k, row): &(usize, &mut Row)| number.map_or(which == "*" || row.0 == which, |number| number == *k);
+    let is_meant =
+        |(k, row): &(usize, &mut Row)| number.map_or(which == "*" || row.0 == which, |number| number == *k);
     rows.iter_mut().enumerate().filter(is_meant).for_each(|(_, row)| set(row, column, value));
     parquet(&rows, &Shape::default())
 }
@@ -54,8 +55,11 @@ fn rows_and_maps_that_no_scenario_has_are_named() {
         (format!("{column} {which} {value}"), words, error_of(path, &with(column, which, value)))
     }));
     let plain = parquet(&rows(), &Shape::default());
-    let others: [(&[u8], &str); 3] =
-        [(&plain, ""), (&parquet(&[], &Shape::default()), "no rows"), (b"PAR1", "no scenario that can be read")];
+    let others: [(&[u8], &str); 3] = [
+        (&plain, ""),
+        (&parquet(&[], &Shape::default()), "no rows"),
+        (b"PAR1", "no scenario that can be read"),
+    ];
     assert_table(others.map(|(bytes, words)| (words.to_owned(), words, error_of(path, bytes))));
     assert_table(lines(include_str!("map.table")).map(|[place, value, words]| {
         let map = changed(whole.as_bytes(), place, value);
@@ -79,7 +83,10 @@ fn broken_bytes_of_parquet_are_errors_or_scenes() {
     for shape in shapes {
         let whole = parquet(&rows(), &shape);
         for share in 0..40 {
-            assert!(error_of(file.to_str().unwrap(), &whole[..whole.len() * share / 40]).is_some(), "{share} of 40");
+            assert!(
+                error_of(file.to_str().unwrap(), &whole[..whole.len() * share / 40]).is_some(),
+                "{share} of 40"
+            );
         }
         let format = Format {
             name: "parquet",

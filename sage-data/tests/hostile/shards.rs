@@ -56,7 +56,8 @@ fn crafted_shards_are_refused_or_read() {
     };
     let mut long = frame(b"");
     long.splice(..12, frame_header(65 << 20));
-    let group = |open: usize| frame(&[&[0x7b; 1].repeat(open)[..], &[0x7c; 1].repeat(open)[..], message].concat());
+    let group =
+        |open: usize| frame(&[&[0x7b; 1].repeat(open)[..], &[0x7c; 1].repeat(open)[..], message].concat());
     // Tracks and features of two bytes each.
     let many = |part: &[u8]| frame(&[&part.repeat(1 << 20)[..], message].concat());
     let table: Vec<(&str, Vec<u8>, usize, &str)> = vec![
@@ -76,11 +77,17 @@ fn crafted_shards_are_refused_or_read() {
     ];
     for (name, bytes, scenes, words) in table {
         let (found, error) = read(&bytes);
-        assert!(found == scenes && error.contains(words) && error.is_empty() == words.is_empty(), "{name}: {found} {error}");
+        assert!(
+            found == scenes && error.contains(words) && error.is_empty() == words.is_empty(),
+            "{name}: {found} {error}"
+        );
     }
     // Records that are skipped.
     let bomb = || gzip(&frame(&vec![0; 8 << 20]).repeat(20));
-    for (bytes, words) in [(frame(b"").repeat(1000), "100 records one after another are empty"), (bomb(), "expands more than 100 times")] {
+    for (bytes, words) in [
+        (frame(b"").repeat(1000), "100 records one after another are empty"),
+        (bomb(), "expands more than 100 times"),
+    ] {
         let (_, error) = read_by(&bytes, |_| Ok(()));
         assert!(error.contains(words), "{error}");
     }
@@ -106,7 +113,10 @@ fn cut_shards_and_flipped_bits_are_errors() {
         }
         let whole = ends.iter().filter(|end| **end <= cut).count();
         let (scenes, error) = read(&SHARD[..cut]);
-        assert!(scenes == whole && (ends.contains(&cut) || error.contains("truncated")), "cut at {cut}: {error}");
+        assert!(
+            scenes == whole && (ends.contains(&cut) || error.contains("truncated")),
+            "cut at {cut}: {error}"
+        );
     }
     let compressed = gzip(SHARD);
     for cut in (2..compressed.len()).step_by(3) {

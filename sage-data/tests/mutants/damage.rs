@@ -8,9 +8,35 @@ const LONGEST: usize = 400;
 const COUNTED: &[u8] = b"XBTCUJM\x8b\x8c\x8d\x8e\x95\x96\x0a\x12\x1a\x3a\x42";
 /// What stands in for numbers and words of texts.
 const WORDS: &[&str] = &[
-    "0", "-1", "1", "91", "0.1", "-0", "1e9", "1e308", "-1e308", "1e400", "1e-320", "-10000", "18446744073709551615",
-    "9223372036854775808", "-9223372036854775808", "123456789012345678901234567890", "NaN", "null", "true", "[]", "{}", "\"\"",
-    "[[]]", "[0]", "\"x\"", "\"vehicle\"", "\"lane\"", "\"stop\"", "{\"x\":0,\"y\":0}",
+    "0",
+    "-1",
+    "1",
+    "91",
+    "0.1",
+    "-0",
+    "1e9",
+    "1e308",
+    "-1e308",
+    "1e400",
+    "1e-320",
+    "-10000",
+    "18446744073709551615",
+    "9223372036854775808",
+    "-9223372036854775808",
+    "123456789012345678901234567890",
+    "NaN",
+    "null",
+    "true",
+    "[]",
+    "{}",
+    "\"\"",
+    "[[]]",
+    "[0]",
+    "\"x\"",
+    "\"vehicle\"",
+    "\"lane\"",
+    "\"stop\"",
+    "{\"x\":0,\"y\":0}",
 ];
 
 /// Damages bytes. Returns the kind of damage.
@@ -87,7 +113,11 @@ pub fn numbers(bytes: &mut [u8], rng: &mut Rng) {
     let values = [f64::NAN, f64::INFINITY, 3e38, -1e30, 0.0, 1e-40, 1e300, -1e9, 1e9];
     for _ in 0..1 + rng.below(20) {
         let value = values[rng.below(values.len())];
-        let raw = if rng.below(2) == 0 { value.to_le_bytes().to_vec() } else { (value as f32).to_le_bytes().to_vec() };
+        let raw = if rng.below(2) == 0 {
+            value.to_le_bytes().to_vec()
+        } else {
+            (value as f32).to_le_bytes().to_vec()
+        };
         let at = rng.below(bytes.len());
         let end = (at + raw.len()).min(bytes.len());
         bytes[at..end].copy_from_slice(&raw[..end - at]);
@@ -107,7 +137,17 @@ fn count(bytes: &mut [u8], rng: &mut Rng) {
     let mut before = [0; 8];
     before[..end - at].copy_from_slice(&bytes[at..end]);
     let before = u64::from_le_bytes(before);
-    let values = [0, before + 1, before.wrapping_sub(1), u64::MAX, i64::MAX as u64, 1 << 40, 1 << 31, 1 << 20, rng.bits()];
+    let values = [
+        0,
+        before + 1,
+        before.wrapping_sub(1),
+        u64::MAX,
+        i64::MAX as u64,
+        1 << 40,
+        1 << 31,
+        1 << 20,
+        rng.bits(),
+    ];
     bytes[at..end].copy_from_slice(&values[rng.below(values.len())].to_le_bytes()[..end - at]);
 }
 
@@ -120,7 +160,8 @@ fn word(bytes: &mut Vec<u8>, rng: &mut Rng, is_of_it: fn(u8) -> bool) {
     }
     let from = starts[rng.below(starts.len())];
     let to = from + bytes[from..].iter().take_while(|byte| is_of_it(**byte)).count();
-    let old = std::str::from_utf8(&bytes[from..to]).ok().and_then(|text| text.parse::<u64>().ok()).unwrap_or(0);
+    let old =
+        std::str::from_utf8(&bytes[from..to]).ok().and_then(|text| text.parse::<u64>().ok()).unwrap_or(0);
     let new = match rng.below(4) {
         0 => [old + 1, old.saturating_sub(1), old.saturating_mul(2), 1 << 33][rng.below(4)].to_string(),
         _ => WORDS[rng.below(WORDS.len())].to_owned(),

@@ -45,7 +45,8 @@ pub fn of(pickles: &[Vec<u8>]) -> Vec<Format> {
         let recording = Recording::from_bytes("base".as_ref(), pickle.clone()).expect("a scene");
         recording.to_native().expect("written")
     };
-    let plain = |name, path, bases| Format { name, path, bases, inside: |_| None, around: joined, made: None };
+    let plain =
+        |name, path, bases| Format { name, path, bases, inside: |_| None, around: joined, made: None };
     vec![
         Format { made: Some(programs::made), ..plain("pickle", "some.pkl", pickles.to_vec()) },
         Format {

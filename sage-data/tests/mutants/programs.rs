@@ -65,7 +65,8 @@ pub fn assembled(program: &str) -> Vec<u8> {
     for word in program.split_whitespace() {
         match (word.strip_prefix('>'), &mut group) {
             (Some(count), Some(words)) => {
-                (0..times(count)).for_each(|number| out.extend(words.iter().flat_map(|word| bytes(word, number))));
+                (0..times(count))
+                    .for_each(|number| out.extend(words.iter().flat_map(|word| bytes(word, number))));
                 group = None;
             }
             (_, Some(words)) => words.push(word),

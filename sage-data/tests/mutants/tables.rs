@@ -32,7 +32,9 @@ pub fn changed(file: &[u8], place: &str, value: &str) -> Vec<u8> {
     }
     let mut tensors = TensorFile::of(file);
     match place.split_once('@') {
-        Some((name, index)) => tensors.set(name, index.parse().expect("an index"), value.parse().expect("a number")),
+        Some((name, index)) => {
+            tensors.set(name, index.parse().expect("an index"), value.parse().expect("a number"))
+        }
         None => tensors.json = changed_json(&tensors.json, place, value),
     }
     tensors.to_bytes()
@@ -63,7 +65,10 @@ fn changed_json(json: &str, place: &str, value: &str) -> String {
 
 fn star(count: usize) -> Value {
     let turn = |k: usize| TAU * (k * (count / 2 - 1)) as f64 / count as f64;
-    (0..count).map(|k| json!({"x": 100.0 * turn(k).cos(), "y": 100.0 * turn(k).sin()})).collect::<Vec<_>>().into()
+    (0..count)
+        .map(|k| json!({"x": 100.0 * turn(k).cos(), "y": 100.0 * turn(k).sin()}))
+        .collect::<Vec<_>>()
+        .into()
 }
 
 /// A safetensors file: the JSON under the one key of its metadata, the table of tensors, and the data.
@@ -79,7 +84,8 @@ impl TensorFile {
     /// A file that this program wrote or that is shipped.
     pub fn of(bytes: &[u8]) -> Self {
         let place = header(bytes).expect("the file has a header");
-        let mut tensors: BTreeMap<String, Value> = serde_json::from_slice(&bytes[place.clone()]).expect("JSON");
+        let mut tensors: BTreeMap<String, Value> =
+            serde_json::from_slice(&bytes[place.clone()]).expect("JSON");
         let metadata = tensors.remove("__metadata__").expect("metadata");
         let (key, text) = metadata.as_object().and_then(|fields| fields.iter().next()).expect("one key");
         let (json, hash) = split_hash(text.as_str().expect("a text"));

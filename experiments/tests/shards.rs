@@ -122,32 +122,6 @@ fn a_shard_becomes_a_data_set_and_the_same_shard_again() {
 }
 
 #[test]
-fn every_run_of_convert_leaves_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let shard = procedural(folder.path(), 6);
-    for to in ["pickle", "native", "openscenario", "womd"] {
-        let (one, four) = (at(&format!("{to}-1")), at(&format!("{to}-4")));
-        convert(&shard, to, &one, &["--threads", "1"]);
-        convert(&shard, to, &four, &["--threads", "4"]);
-        let whole = files(&one);
-        assert_eq!(whole, files(&four), "{to}");
-        // Without one of its files, the run resumes.
-        let lost =
-            whole.keys().find(|name| !name.starts_with("dataset_") && !name.contains(".json")).unwrap();
-        std::fs::remove_file(one.join(lost)).unwrap();
-        convert(&shard, to, &one, &[]);
-        assert_eq!(whole, files(&one), "{to}, resumed");
-        let parts = at(&format!("{to}-parts"));
-        for part in ["1/3", "3/3", "2/3"] {
-            convert(&shard, to, &parts, &["--shard", part]);
-        }
-        stdout(&sage(&["join", text(&parts)]));
-        assert_eq!(whole, files(&parts), "{to}, in parts");
-    }
-}
-
-#[test]
 fn an_attack_is_the_same_from_a_record_and_from_a_pickle() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
@@ -225,23 +199,4 @@ fn attacked_scenarios_share_their_map_and_state_their_origin() {
     let (_, bytes) = converted.iter().find(|(name, _)| name.ends_with(".xosc")).unwrap();
     let converted = std::str::from_utf8(bytes).unwrap();
     assert!(converted.contains("sage:lambda\" value=\"1.0") && !converted.contains("--out"));
-}
-
-#[test]
-fn options_of_other_formats_are_refused() {
-    let scene = example();
-    let wrong = [
-        ["--to", "native", "--standard", "1.1"],
-        ["--to", "womd", "--ego", "controller"],
-        ["--to", "pickle", "--scenes-per-file", "3"],
-    ];
-    let refused = |more: &[&str]| failure(&[&["convert", &scene, "--out", "never"], more].concat());
-    let mut said = wrong.map(|more| (more.join(" "), refused(&more))).to_vec();
-    let standard = ["convert", &scene, "--to", "openscenario", "--standard", "2.0", "--out", "never"];
-    said.push((standard[2..6].join(" "), stderr(&sage(&standard)).to_owned()));
-    let shard = std::fs::read(shard()).unwrap();
-    let unknown = piped(&["convert", "-", "--to", "womd", "--out", "never"], &shard);
-    said.push(("a shard on standard input".to_owned(), stderr(&unknown).to_owned()));
-    assert_snapshot!("wrong_options_of_convert", messages(said));
-    assert!(!Path::new("never").exists());
 }

@@ -11,7 +11,8 @@ fn scenario() -> PathBuf {
     let folder = std::env::temp_dir().join("sage-fuzz-argoverse2");
     let lane = r#"{"id": 1, "lane_type": "VEHICLE", "left_lane_boundary": [{"x": 0, "y": 2}, {"x": 99, "y": 2}],
         "right_lane_boundary": [{"x": 0, "y": -2}, {"x": 99, "y": -2}]}"#;
-    let area = r#"{"area_boundary": [{"x": 0, "y": -4}, {"x": 0, "y": 4}, {"x": 99, "y": 4}, {"x": 99, "y": -4}]}"#;
+    let area =
+        r#"{"area_boundary": [{"x": 0, "y": -4}, {"x": 0, "y": 4}, {"x": 99, "y": 4}, {"x": 99, "y": -4}]}"#;
     let map = format!(r#"{{"lane_segments": {{"1": {lane}}}, "drivable_areas": {{"1": {area}}}}}"#);
     std::fs::create_dir_all(&folder).expect("a folder");
     std::fs::write(folder.join("log_map_archive_1.json"), map).expect("written");

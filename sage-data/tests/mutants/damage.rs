@@ -7,37 +7,8 @@ const LONGEST: usize = 400;
 /// Bytes behind which formats have counts: opcodes of pickles, keys of messages.
 const COUNTED: &[u8] = b"XBTCUJM\x8b\x8c\x8d\x8e\x95\x96\x0a\x12\x1a\x3a\x42";
 /// What stands in for numbers and words of texts.
-const WORDS: &[&str] = &[
-    "0",
-    "-1",
-    "1",
-    "91",
-    "0.1",
-    "-0",
-    "1e9",
-    "1e308",
-    "-1e308",
-    "1e400",
-    "1e-320",
-    "-10000",
-    "18446744073709551615",
-    "9223372036854775808",
-    "-9223372036854775808",
-    "123456789012345678901234567890",
-    "NaN",
-    "null",
-    "true",
-    "[]",
-    "{}",
-    "\"\"",
-    "[[]]",
-    "[0]",
-    "\"x\"",
-    "\"vehicle\"",
-    "\"lane\"",
-    "\"stop\"",
-    "{\"x\":0,\"y\":0}",
-];
+const WORDS: &str = r#"0 -1 1 91 0.1 -0 1e9 1e308 -1e308 1e400 1e-320 -10000 18446744073709551615 9223372036854775808 -9223372036854775808 123456789012345678901234567890 NaN
+    null true [] {} "" [[]] [0] "x" "vehicle" "lane" "stop" {"x":0,"y":0}"#;
 
 /// Damages bytes. Returns the kind of damage.
 pub fn any(bytes: &mut Vec<u8>, rng: &mut Rng) -> &'static str {
@@ -164,7 +135,10 @@ fn word(bytes: &mut Vec<u8>, rng: &mut Rng, is_of_it: fn(u8) -> bool) {
         std::str::from_utf8(&bytes[from..to]).ok().and_then(|text| text.parse::<u64>().ok()).unwrap_or(0);
     let new = match rng.below(4) {
         0 => [old + 1, old.saturating_sub(1), old.saturating_mul(2), 1 << 33][rng.below(4)].to_string(),
-        _ => WORDS[rng.below(WORDS.len())].to_owned(),
+        _ => {
+            let words: Vec<&str> = WORDS.split_whitespace().collect();
+            words[rng.below(words.len())].to_owned()
+        }
     };
     bytes.splice(from..to, new.bytes());
 }

@@ -4,8 +4,7 @@
 //! ```sh
 //! cargo build --release && cargo run --release -p experiments --example kill_anywhere -- 100 [COMMAND …]
 //! ```
-//! Commands are those of the tests, all by default, and on request the other studies, such as `front` (`STUDIES` in
-//! `tests/interruption`). Ends with an error at the first difference.
+//! Commands are those of `tests/interruption/commands.table`, by default without the studies at its end. Ends with an error at the first difference.
 
 #![allow(clippy::print_stderr)] // A program of its own, read by a person.
 
@@ -14,7 +13,7 @@ use std::{path::PathBuf, process::ExitCode};
 #[path = "../tests/interruption/mod.rs"]
 mod interruption;
 
-use interruption::{COMMANDS, Case, STUDIES};
+use interruption::{Case, commands};
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
@@ -29,13 +28,13 @@ fn main() -> ExitCode {
         eprintln!("`{}` is not there: build it first", program.display());
         return ExitCode::FAILURE;
     }
-    let known: Vec<&str> = COMMANDS.iter().chain(STUDIES).copied().collect();
+    let known = commands(true);
     if let Some(other) = chosen.iter().find(|name| !known.contains(&name.as_str())) {
         eprintln!("no command `{other}`; known: {}", known.join(", "));
         return ExitCode::from(2);
     }
     let chosen: Vec<&str> =
-        if chosen.is_empty() { COMMANDS.to_vec() } else { chosen.iter().map(String::as_str).collect() };
+        if chosen.is_empty() { commands(false) } else { chosen.iter().map(String::as_str).collect() };
     for name in chosen {
         let Ok(folder) = tempfile::tempdir() else {
             eprintln!("no temporary folder can be made");

@@ -29,6 +29,8 @@ fn commands_with_weights(scene: &str) -> Vec<Vec<String>> {
         "bench drivers SCENE --ego idm",
         "bench dial SCENE",
         "calibrate SCENE --selection natural",
+        "bench search SCENE --ego idm --set search={budget:2} --method pool",
+        "train-ego --procedural 6 --updates 300 --evaluations 1 --config {\"td3\":{\"hidden\":[8,8],\"batch\":16,\"random_steps\":200}} --method sage --eval-method none",
     ];
     all.into_iter().map(words).collect()
 }
@@ -47,16 +49,25 @@ fn default_weights_are_the_same_in_every_command_and_folder() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let scene = example();
+    // A folder that holds other weights under the name `waymo`.
+    let waymo = folder.path().join("with/weights/waymo");
+    std::fs::create_dir_all(&waymo).unwrap();
+    for entry in std::fs::read_dir(root.join("weights/procedural")).unwrap() {
+        let entry = entry.unwrap();
+        std::fs::copy(entry.path(), waymo.join(entry.file_name())).unwrap();
+    }
+    let (with, named) = (folder.path().join("with"), folder.path().join("with/weights"));
     for (number, command) in commands_with_weights(&scene).into_iter().enumerate() {
         let mut said = Vec::new();
-        let places = [(folder.path(), None), (root, None), (folder.path(), Some(root.join("weights")))];
+        let places: [(&Path, Option<&Path>); 4] =
+            [(folder.path(), None), (root, None), (&with, None), (folder.path(), Some(&named))];
         for (place, (cwd, installed)) in places.iter().enumerate() {
             let out = folder.path().join(format!("out{number}-{place}"));
             let out = match &*command[0] {
                 "explain" | "predict" => Vec::new(),
                 _ => vec!["--out".to_owned(), out.display().to_string()],
             };
-            let output = in_folder(cwd, installed.as_deref(), &[&command[..], &out].concat());
+            let output = in_folder(cwd, *installed, &[&command[..], &out].concat());
             let notes: Vec<String> = stderr(&output)
                 .lines()
                 .filter(|line| line.starts_with("note: weights"))
@@ -76,6 +87,11 @@ fn default_weights_are_the_same_in_every_command_and_folder() {
         }
         assert!(said[0].0.iter().any(|note| note.contains("`procedural`")), "{command:?}: {:?}", said[0].0);
         assert!(said.iter().all(|one| *one == said[0]), "{command:?} depends on the folder");
+    }
+    // By their name they are found in either place.
+    let predict = ["predict", &scene, "--weights", "waymo"].map(str::to_owned);
+    for (cwd, installed) in [(&*with, None), (folder.path(), Some(&*named))] {
+        assert!(stderr(&in_folder(cwd, installed, &predict)).contains("note: weights `waymo`"));
     }
 }
 

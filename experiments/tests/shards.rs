@@ -14,7 +14,7 @@ use std::{
 
 use insta::assert_snapshot;
 use program::*;
-use sage_data::{Recording, folder, womd};
+use sage_data::{Recording, folder};
 use serde_json::Value;
 
 /// The invented shard: two scenes.
@@ -121,93 +121,6 @@ fn a_shard_becomes_a_data_set_and_the_same_shard_again() {
 }
 
 #[test]
-fn every_run_of_convert_leaves_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let shard = procedural(folder.path(), 6);
-    for to in ["pickle", "native", "openscenario", "womd"] {
-        let (one, four) = (at(&format!("{to}-1")), at(&format!("{to}-4")));
-        convert(&shard, to, &one, &["--threads", "1"]);
-        convert(&shard, to, &four, &["--threads", "4"]);
-        let whole = files(&one);
-        assert_eq!(whole, files(&four), "{to}");
-        // Without one of its files, the run resumes.
-        let lost =
-            whole.keys().find(|name| !name.starts_with("dataset_") && !name.contains(".json")).unwrap();
-        std::fs::remove_file(one.join(lost)).unwrap();
-        convert(&shard, to, &one, &[]);
-        assert_eq!(whole, files(&one), "{to}, resumed");
-        let parts = at(&format!("{to}-parts"));
-        for part in ["1/3", "3/3", "2/3"] {
-            convert(&shard, to, &parts, &["--shard", part]);
-        }
-        stdout(&sage(&["join", text(&parts)]));
-        assert_eq!(whole, files(&parts), "{to}, in parts");
-    }
-}
-
-#[test]
-fn a_broken_record_costs_nothing_else() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let mut bytes = std::fs::read(procedural(folder.path(), 5)).unwrap();
-    // A bit of the data of the third record.
-    let mut start = 0;
-    for _ in 0..2 {
-        start += 16 + u64::from_le_bytes(*bytes[start..].first_chunk().unwrap()) as usize;
-    }
-    bytes[start + 500] ^= 1;
-    let broken = at("broken.tfrecord");
-    std::fs::write(&broken, &bytes).unwrap();
-    let mut said = Vec::new();
-    for (to, count) in [("native", 4), ("pickle", 4), ("openscenario", 4), ("womd", 4)] {
-        let out = at(&format!("to-{to}"));
-        let run = sage(&["convert", text(&broken), "--to", to, "--out", text(&out)]);
-        assert_eq!(run.status.code(), Some(BAD_SCENES), "{}", stderr(&run));
-        said.push((format!("convert --to {to}"), stderr(&run).to_owned()));
-        if to != "openscenario" {
-            assert_eq!(folder::scene_files(&out).unwrap().len(), count, "{to}");
-        }
-    }
-    let inspected = sage(&["inspect", text(&broken), "--json"]);
-    said.push(("inspect".to_owned(), stderr(&inspected).to_owned()));
-    // The place of the third record is told.
-    assert!(said.iter().all(|(_, said)| said.contains(&format!("record 2 at byte {start}"))), "{said:?}");
-    assert_snapshot!("a_broken_record", messages(said));
-    assert_eq!(std::str::from_utf8(&inspected.stdout).unwrap().lines().count(), 5);
-    assert_eq!(inspected.status.code(), Some(BAD_SCENES));
-}
-
-#[test]
-fn files_that_are_no_shards_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let example_proto = [10, 26, 10, 24, 10, 20].into_iter().chain(*b"roadgraph_samples/xy").chain([18, 0]);
-    let example_proto: Vec<u8> = example_proto.collect();
-    let whole = std::fs::read(shard()).unwrap();
-    let cases = [
-        ("pickle.tfrecord", std::fs::read(example()).unwrap()),
-        ("example.tfrecord", womd::frame(&example_proto)),
-        ("text.tfrecord", b"scenario_id: 1\n".repeat(20)),
-        ("cut.tfrecord", whole[..5000].to_vec()),
-        ("empty.tfrecord", Vec::new()),
-        ("nothing.tfrecord", womd::frame(b"")),
-    ];
-    let mut said = Vec::new();
-    for (name, bytes) in cases {
-        std::fs::write(at(name), bytes).unwrap();
-        for command in [vec!["convert", "--to", "native", "--out", "out"], vec!["generate", "--out", "out"]] {
-            let file = at(name);
-            let out = at(&format!("{}-{name}", command[0]));
-            let mut arguments = vec![command[0], text(&file)];
-            arguments.extend(command[1..].iter().map(|a| if *a == "out" { text(&out) } else { a }));
-            said.push((format!("{} {name}", command[0]), failure(&arguments)));
-        }
-    }
-    assert_snapshot!("files_that_are_no_shards", messages(said));
-}
-
-#[test]
 fn an_attack_is_the_same_from_a_record_and_from_a_pickle() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
@@ -285,23 +198,4 @@ fn attacked_scenarios_share_their_map_and_state_their_origin() {
     let (_, bytes) = converted.iter().find(|(name, _)| name.ends_with(".xosc")).unwrap();
     let converted = std::str::from_utf8(bytes).unwrap();
     assert!(converted.contains("sage:lambda\" value=\"1.0") && !converted.contains("--out"));
-}
-
-#[test]
-fn options_of_other_formats_are_refused() {
-    let scene = example();
-    let wrong = [
-        ["--to", "native", "--standard", "1.1"],
-        ["--to", "womd", "--ego", "controller"],
-        ["--to", "pickle", "--scenes-per-file", "3"],
-    ];
-    let refused = |more: &[&str]| failure(&[&["convert", &scene, "--out", "never"], more].concat());
-    let mut said = wrong.map(|more| (more.join(" "), refused(&more))).to_vec();
-    let standard = ["convert", &scene, "--to", "openscenario", "--standard", "2.0", "--out", "never"];
-    said.push((standard[2..6].join(" "), stderr(&sage(&standard)).to_owned()));
-    let shard = std::fs::read(shard()).unwrap();
-    let unknown = piped(&["convert", "-", "--to", "womd", "--out", "never"], &shard);
-    said.push(("a shard on standard input".to_owned(), stderr(&unknown).to_owned()));
-    assert_snapshot!("wrong_options_of_convert", messages(said));
-    assert!(!Path::new("never").exists());
 }

@@ -1,4 +1,4 @@
-//! Kinds of hostile files, and the commands that read them.
+//! Kinds of hostile files, and the commands that read them: the rows of `kinds.table`.
 
 use std::{
     io::Write,
@@ -6,42 +6,31 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::scenes::{CRAFTED, crafted, to_file};
 use flate2::{Compression, write::GzEncoder};
 use sage_core::{scene::Scene, seed::Rng};
 use sage_data::{Recording, womd};
 use serde_json::json;
 
 use crate::{
-    bytes::{TensorFile, damaged, with_other_numbers},
     child::{self, Limits, Used},
+    mutants::{damage, formats::lines, tables::TensorFile},
     recipe,
+    scenes::{CRAFTED, crafted, to_file},
 };
 
+/// Kind, file, what lies beside it, and commands.
+type Row = [&'static str; 4];
+
+fn rows() -> Vec<Row> {
+    lines(include_str!("kinds.table")).collect()
+}
+
 /// Names of the kinds.
-pub const KINDS: [&str; 10] =
-    ["pickle", "native", "record", "gzip", "weights", "policy", "recipe", "checkpoint", "path", "candidates"];
-/// Files of weights.
-const WEIGHTS: [&str; 3] = ["prior", "realistic", "adversarial"];
-/// A training run that takes a second.
-const TRAIN: [&str; 12] = [
-    "train-ego",
-    "--procedural",
-    "3",
-    "--updates",
-    "300",
-    "--evaluations",
-    "2",
-    "--checkpoint-every",
-    "100",
-    "--method",
-    "none",
-    "--eval-method",
-];
-const TD3: [&str; 3] =
-    ["none", "--config", r#"{"td3": {"hidden": [16, 16], "batch": 16, "random_steps": 200}}"#];
-const PRETRAIN: [&str; 7] =
-    ["pretrain", "scenes", "--epochs", "1", "--network", r#"{"hidden": 16, "rounds": 1}"#, "--dev"];
+pub fn kinds() -> Vec<&'static str> {
+    let mut kinds: Vec<&str> = rows().iter().map(|row| row[0]).collect();
+    kinds.dedup();
+    kinds
+}
 
 /// What all cases are made from.
 pub struct Cases {
@@ -95,23 +84,27 @@ impl Cases {
         self.root.join("case")
     }
 
-    /// Unfinished runs of `train-ego` and `pretrain`.
+    /// Unfinished runs of `train-ego` and `pretrain`, by the commands of the table.
     fn prepare_runs(&self) {
         let base = self.root.join("base");
-        let start = |arguments: &[&str]| {
+        let start = |words: &str| {
             let mut command = Command::new(&self.program);
-            command.args(arguments).current_dir(&base).env_remove("SAGE_WEIGHTS");
+            command
+                .args(words.split(' '))
+                .args(["--threads", "1"])
+                .current_dir(&base)
+                .env_remove("SAGE_WEIGHTS");
             command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
         };
-        assert!(start(&["scenes", "--count", "2", "--out", "scenes"]).wait().unwrap().success());
-        let mut child = start(&[&TRAIN[..], &TD3, &["--threads", "1", "--out", "run"]].concat());
+        let of = |folder: &str| rows().into_iter().find(|row| row[2].starts_with(folder)).expect(folder)[3];
+        assert!(start("scenes --count 2 --out scenes").wait().unwrap().success());
+        let mut child = start(of("run"));
         while !base.join("run/seed-0/checkpoint.safetensors").is_file() {
             assert!(child.try_wait().unwrap().is_none(), "the run ended before its first checkpoint");
         }
         child.kill().unwrap();
         child.wait().unwrap();
-        let pretrain = [&PRETRAIN[..], &["scenes", "--threads", "1", "--out", "pretrained"]].concat();
-        assert!(start(&pretrain).wait().unwrap().success());
+        assert!(start(of("pretrained")).wait().unwrap().success());
         // The record says that the run is not done, so its checkpoint is read.
         let record = base.join("pretrained/run.json");
         let mut fields: serde_json::Value = serde_json::from_slice(&std::fs::read(&record).unwrap()).unwrap();
@@ -125,108 +118,29 @@ impl Cases {
     /// *Errors*: what a run did that it must not do.
     pub fn run(&self, kind: &str, seed: u64, number: u64, limits: &Limits) -> Result<Vec<Used>, String> {
         let mut rng = Rng::new(seed, &format!("{kind} {number}"), "hostile limits");
+        let rows: Vec<Row> = rows().into_iter().filter(|row| row[0] == kind).collect();
+        let [_, name, beside, commands] = rows[rng.below(rows.len())];
         let (case, base) = (self.folder(), self.root.join("base"));
         let _ = std::fs::remove_dir_all(&case);
         std::fs::create_dir_all(case.join("outside")).unwrap();
         std::fs::write(case.join("outside/precious"), "precious").unwrap();
-        let read = |name: &str| std::fs::read(base.join(name)).unwrap();
-        let mut runs: Vec<(Vec<&str>, bool)> = Vec::new();
-        let (name, bytes) = match kind {
-            "pickle" | "native" | "record" | "gzip" => {
-                let name = match kind {
-                    "pickle" => "scene.pkl",
-                    "native" => "scene.safetensors",
-                    "record" => "scene.tfrecord",
-                    _ => "scene.tfrecord.gz",
-                };
-                runs.push((vec!["inspect", name], true));
-                runs.push((vec!["draw", name, "--out", "out.svg"], true));
-                runs.push((vec!["generate", name, "--weights", "procedural", "--out", "out"], true));
-                runs.push((vec!["simulate", name, "--ego", "idm", "--out", "driven"], true));
-                (name, self.scene_file(kind, number, &mut rng))
-            }
-            "weights" => {
-                copy(&base.join("weights"), &case.join("weights"));
-                copy(&base.join("recipe.yaml"), &case.join("recipe.yaml"));
-                copy(&base.join("crossing.pkl"), &case.join("crossing.pkl"));
-                runs.push((
-                    vec!["generate", "crossing.pkl", "--weights", "weights", "--lambda", "1", "--out", "out"],
-                    true,
-                ));
-                runs.push((vec!["merge", "recipe.yaml", "--out", "merged"], false));
-                let name = [
-                    "weights/prior.safetensors",
-                    "weights/realistic.safetensors",
-                    "weights/adversarial.safetensors",
-                ][rng.below(WEIGHTS.len())];
-                (name, tensor_file(&read(name), &mut rng))
-            }
-            "policy" => {
-                copy(&base.join("crossing.pkl"), &case.join("crossing.pkl"));
-                runs.push((
-                    vec!["simulate", "crossing.pkl", "--ego", "td3:p.safetensors", "--out", "out"],
-                    true,
-                ));
-                ("p.safetensors", tensor_file(&read("weights/td3.safetensors"), &mut rng))
-            }
-            "recipe" => {
-                copy(&base.join("weights"), &case.join("weights"));
-                runs.push((vec!["merge", "recipe.yaml", "--out", "out"], false));
-                ("recipe.yaml", text_file(&read("recipe.yaml"), &mut rng))
-            }
-            "checkpoint" if number.is_multiple_of(4) => {
-                copy(&base.join("pretrained"), &case.join("pretrained"));
-                copy(&base.join("scenes"), &case.join("scenes"));
-                runs.push(([&PRETRAIN[..], &["scenes", "--out", "pretrained"]].concat(), false));
-                let name = ["pretrained/last.safetensors", "pretrained/run.json"][rng.below(2)];
-                let whole = read(name);
-                (
-                    name,
-                    if name.ends_with(".json") {
-                        text_file(&whole, &mut rng)
-                    } else {
-                        tensor_file(&whole, &mut rng)
-                    },
-                )
-            }
-            "checkpoint" => {
-                copy(&base.join("run"), &case.join("run"));
-                runs.push(([&TRAIN[..], &TD3, &["--out", "run"]].concat(), false));
-                let name = ["run/seed-0/checkpoint.safetensors", "run/seed-0/buffer/000000000000.rows"]
-                    [usize::from(rng.below(8) == 0)];
-                let whole = read(name);
-                (
-                    name,
-                    if name.ends_with(".rows") {
-                        damaged(whole, &mut rng)
-                    } else {
-                        tensor_file(&whole, &mut rng)
-                    },
-                )
-            }
-            "path" => {
-                copy(&base.join("crossing.pkl"), &case.join("crossing.pkl"));
-                let ego = ["generate", "crossing.pkl", "--ego", "path:drive.json", "--weights", "procedural"];
-                runs.push(([&ego[..], &["--lambda", "1", "--out", "out"]].concat(), true));
-                ("drive.json", text_file(&read("drive.json"), &mut rng))
-            }
-            _ => {
-                copy(&base.join("crossing.pkl"), &case.join("crossing.pkl"));
-                let candidates = ["crossing.pkl", "--candidates", "c.json"];
-                runs.push(([&["score"], &candidates[..], &["--avoidable"]].concat(), false));
-                runs.push(([&["draw"], &candidates[..], &["--out", "out.svg"]].concat(), true));
-                ("c.json", text_file(&read("crossing.json"), &mut rng))
-            }
+        beside.split_whitespace().for_each(|name| copy(&base.join(name), &case.join(name)));
+        let read = || std::fs::read(base.join(name)).unwrap();
+        let bytes = match name.rsplit('.').next() {
+            _ if name.starts_with("scene.") => self.scene_file(kind, number, &mut rng),
+            Some("safetensors") => tensor_file(read(), &mut rng),
+            _ => damaged(read(), &mut rng),
         };
         std::fs::write(case.join(name), &bytes).unwrap();
-        let mut all = Vec::with_capacity(runs.len());
-        for (arguments, is_timed) in runs {
-            let used = child::run(&self.program, &case, &arguments, bytes.len() as u64, is_timed, limits)?;
-            all.push(used);
+        let mut all = Vec::new();
+        for command in commands.split(';') {
+            let (words, is_timed) = (command.trim_start_matches('!'), command.starts_with('!'));
+            let words: Vec<&str> = words.split(' ').collect();
+            all.push(child::run(&self.program, &case, &words, bytes.len() as u64, is_timed, limits)?);
             if std::fs::read(case.join("outside/precious")).ok().as_deref() != Some(b"precious")
                 || std::fs::read_dir(case.join("outside")).unwrap().count() != 1
             {
-                return Err(format!("`sage {}` writes outside its output", arguments.join(" ")));
+                return Err(format!("`sage {command}` writes outside its output"));
             }
         }
         Ok(all)
@@ -241,15 +155,9 @@ impl Cases {
             crafted(&self.scene, which, rng)
         });
         match (kind, made) {
-            ("pickle", Some(scene)) => to_file(scene, false),
-            ("native", Some(scene)) => to_file(scene, true),
+            ("pickle" | "native", Some(scene)) => to_file(scene, kind == "native"),
             ("pickle", None) => damaged(self.pickle.clone(), rng),
-            ("native", None) if rng.below(2) == 0 => damaged(self.native.clone(), rng),
-            ("native", None) => {
-                let mut file = TensorFile::of(&self.native);
-                file.spoil_numbers(rng);
-                file.to_bytes()
-            }
+            ("native", None) => tensor_file(self.native.clone(), rng),
             (_, made) => {
                 let encoded =
                     |scene| Recording::procedural(scene).to_scenario().map(|scenario| scenario.data);
@@ -277,22 +185,18 @@ fn compressed(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
     if rng.below(4) == 0 { damaged(zipped, rng) } else { zipped }
 }
 
-/// A damaged text, or one with other numbers.
-fn text_file(whole: &[u8], rng: &mut Rng) -> Vec<u8> {
-    if rng.below(3) == 0 {
-        return damaged(whole.to_vec(), rng);
-    }
-    with_other_numbers(&String::from_utf8_lossy(whole), rng).into_bytes()
+fn damaged(mut bytes: Vec<u8>, rng: &mut Rng) -> Vec<u8> {
+    damage::any(&mut bytes, rng);
+    bytes
 }
 
-/// Weights, a policy or a checkpoint: damaged, or crafted with the right hash.
-fn tensor_file(whole: &[u8], rng: &mut Rng) -> Vec<u8> {
-    let mut file = TensorFile::of(whole);
-    match rng.below(4) {
-        0 => return damaged(whole.to_vec(), rng),
-        1 => file.spoil_numbers(rng),
-        2 => file.json = String::from_utf8_lossy(&damaged(file.json.clone().into_bytes(), rng)).into_owned(),
-        _ => file.json = with_other_numbers(&file.json, rng),
+/// A safetensors file: damaged, or with other numbers or another header and the right hash.
+fn tensor_file(whole: Vec<u8>, rng: &mut Rng) -> Vec<u8> {
+    let mut file = TensorFile::of(&whole);
+    match rng.below(3) {
+        0 => return damaged(whole, rng),
+        1 => damage::numbers(&mut file.data, rng),
+        _ => file.json = String::from_utf8_lossy(&damaged(file.json.into_bytes(), rng)).into_owned(),
     }
     file.to_bytes()
 }

@@ -12,9 +12,10 @@
 #![allow(clippy::print_stderr)] // A program of its own, read by a person.
 #![allow(clippy::unwrap_used, clippy::panic)] // What it makes for itself must work; it runs on no other input.
 
-mod bytes;
 mod cases;
 mod child;
+#[path = "../../../sage-data/tests/mutants/mod.rs"]
+mod mutants;
 #[path = "../../tests/recipe/mod.rs"]
 mod recipe;
 mod scenes;
@@ -25,7 +26,7 @@ use std::{
     process::ExitCode,
 };
 
-use cases::{Cases, KINDS};
+use cases::{Cases, kinds};
 use child::{Limits, Used};
 
 /// What the command line asks for.
@@ -41,7 +42,7 @@ fn main() -> ExitCode {
     let Some(options) = options() else {
         eprintln!(
             "usage: hostile_limits COUNT [--seed S] [--kind NAME]… [--keep DIR] [--limit-mb N] [--limit-s N]\nkinds: {}",
-            KINDS.join(", ")
+            kinds().join(", ")
         );
         return ExitCode::from(2);
     };
@@ -120,7 +121,7 @@ fn options() -> Option<Options> {
         let value = arguments.next()?;
         match &flag[..] {
             "--seed" => options.seed = value.parse().ok()?,
-            "--kind" => options.kinds.push(KINDS.iter().find(|kind| **kind == value)?),
+            "--kind" => options.kinds.push(kinds().into_iter().find(|kind| *kind == value)?),
             "--keep" => options.keep = value.into(),
             "--limit-mb" => options.limits.megabytes = value.parse().ok()?,
             "--limit-s" => options.limits.seconds = value.parse().ok()?,
@@ -128,7 +129,7 @@ fn options() -> Option<Options> {
         }
     }
     if options.kinds.is_empty() {
-        options.kinds = KINDS.to_vec();
+        options.kinds = kinds();
     }
     Some(options)
 }

@@ -83,17 +83,6 @@ pub fn polyglot(scene: &Path, marker: &Path) -> Vec<u8> {
     [&(LENGTH as u64).to_le_bytes()[..], &head, data].concat()
 }
 
-/// A data set in `folder` whose summary names a scene outside of it, in `victim`.
-pub fn traversal(scene: &Path, folder: &Path, victim: &Path) {
-    for dir in [folder, victim] {
-        std::fs::create_dir_all(dir).unwrap();
-    }
-    std::fs::copy(scene, victim.join("secret.pkl")).unwrap();
-    std::fs::write(victim.join("secret.safetensors"), "keep me").unwrap();
-    let name = "../victim/secret.pkl";
-    summary(folder, &[(name, "")]);
-}
-
 /// Writes `dataset_summary.pkl` and `dataset_mapping.pkl` of names and their folders.
 pub fn summary(folder: &Path, files: &[(&str, &str)]) {
     let dict = |values: &dyn Fn(&str) -> Vec<u8>| {

@@ -16,41 +16,18 @@ use sage_backbones::Parameters;
 use sage_core::seed::Rng;
 use serde_json::Value;
 
-/// Commands that leave files behind.
-pub const COMMANDS: [&str; 16] = [
-    "pretrain",
-    "finetune",
-    "generate",
-    "simulate",
-    "search",
-    "convert",
-    "convert-shards",
-    "convert-scenarios",
-    "open-loop",
-    "drivers",
-    "closed-loop",
-    "calibrate",
-    "train-ego",
-    "train-ego-ppo",
-    "train-seal",
-    "train-goose",
-];
+/// Names and arguments of the commands, and of the studies behind them, which are killed on request.
+const TABLE: &str = include_str!("commands.table");
 
-/// Studies that share the runner of those above: a slow set, on request.
-#[allow(dead_code)] // Only the example kills them.
-pub const STUDIES: &[&str] = &[
-    "front",
-    "pareto",
-    "dial",
-    "mixtures",
-    "latest-start",
-    "prediction",
-    "experts",
-    "ablation",
-    "connectivity",
-    "threshold",
-    "transfer",
-];
+/// The names of the commands; with `all`, also those of the studies.
+pub fn commands(all: bool) -> Vec<&'static str> {
+    let lines = TABLE.lines().take_while(|line| all || !line.starts_with("# --"));
+    lines
+        .filter_map(|line| line.split_once(" | "))
+        .map(|(name, _)| name)
+        .filter(|name| !name.starts_with('#'))
+        .collect()
+}
 
 /// A command with its inputs, which writes into a folder of its own each time.
 pub struct Case {
@@ -72,80 +49,15 @@ impl Case {
         prepare(&["scenes", "--count", "4", "--format", "pickle", "--out", "scenes"]);
         std::fs::write(root.join("quick.json"), r#"{"epochs": 2, "candidates": 16}"#)
             .expect("a file is written");
-        let small = r#"{"hidden": 16, "rounds": 1}"#;
-        let (arguments, needs_force): (&[&str], bool) = match name {
-            "pretrain" => {
-                (&["pretrain", "scenes", "--dev", "scenes", "--epochs", "2", "--network", small], false)
-            }
-            "finetune" => (&["finetune", "scenes", "--roles", "0", "--config", "quick.json"], false),
-            "generate" => (&["generate", "scenes", "--weights", "procedural", "--lambda", "0,1"], false),
-            "simulate" => {
-                let attack = ["--method", "sage", "--lambda", "0,1", "--weights", "procedural"];
-                (&[&["simulate", "scenes", "--ego", "replay,idm"][..], &attack].concat(), false)
-            }
-            "search" => {
-                let size = ["--budget", "8", "--weights", "procedural"];
-                (&[&["search", "scenes", "--ego", "idm"][..], &size].concat(), false)
-            }
-            "convert" => (&["convert", "scenes", "--to", "native"], false),
-            "convert-shards" => (&["convert", "scenes", "--to", "womd", "--scenes-per-file", "2"], false),
-            "convert-scenarios" => (&["convert", "scenes", "--to", "openscenario"], false),
-            "open-loop" => {
-                let methods = ["--method", "sage,rule,log", "--lambda", "1", "--ego", "replay,idm"];
-                (&[&["bench", "open-loop", "scenes"][..], &methods].concat(), false)
-            }
-            "drivers" => {
-                let drivers = ["--ego", "replay,idm", "--method", "sage,rule", "--weights", "procedural"];
-                (&[&["bench", "drivers", "scenes"][..], &drivers].concat(), false)
-            }
-            "closed-loop" => {
-                let policies = ["--ego", "idm,expert", "--untrained", "2", "--weights", "procedural"];
-                (&[&["bench", "closed-loop", "scenes"][..], &policies].concat(), false)
-            }
-            "train-ego" => {
-                let small =
-                    r#"{"td3": {"hidden": [16, 16], "batch": 32, "buffer": 700, "random_steps": 300}}"#;
-                let size = ["--procedural", "6", "--updates", "900"];
-                let run =
-                    ["--config", small, "--evaluations", "3", "--checkpoint-every", "100", "--seeds", "0..2"];
-                let attacks = ["train-ego", "--method", "sage", "--weights", "procedural"];
-                (&[&attacks[..], &size, &run].concat(), false)
-            }
-            "train-ego-ppo" => {
-                let small = r#"{"ppo": {"hidden": [16, 16], "environments": 8, "horizon": 10, "minibatch": 40, "taught": 0.7}}"#;
-                let size = ["--procedural", "6", "--learner", "ppo", "--steps", "12000", "--mirrored", "0.5"];
-                let size = [&size[..], &["--teacher", "expert"]].concat();
-                let run =
-                    ["--config", small, "--evaluations", "3", "--checkpoint-every", "800", "--seeds", "0..2"];
-                let attacks = ["train-ego", "--method", "sage", "--search", "2", "--weights", "procedural"];
-                (&[&attacks[..], &size, &run].concat(), false)
-            }
-            "train-seal" => {
-                let small = r#"{"hidden": 8, "criticality": {"epochs": 3}, "skills": {"epochs": 2}, "prior": {"epochs": 4}}"#;
-                let size = ["--procedural", "8", "--dev", "scenes"];
-                (&[&["train-adversary", "seal", "--options", small][..], &size].concat(), false)
-            }
-            "train-goose" => {
-                let small = r#"{"decisions": 1100, "random": 20, "batch": 8, "roles": 1}"#;
-                let size = ["--procedural", "8", "--dev", "scenes"];
-                (&[&["train-adversary", "goose", "--options", small][..], &size].concat(), false)
-            }
-            "ablation" => {
-                (&["bench", "ablation", "scenes", "--weights", "procedural", "--mix", "adversarial=1"], false)
-            }
-            "pareto" => {
-                // Without the time of generation, which differs from run to run.
-                let metrics = "metrics={trajectory: [attack, R_adv, believable, P_real], policy: [attack, R_adv, believable, P_real]}";
-                (&["bench", "pareto", "scenes", "--weights", "procedural", "--set", metrics], false)
-            }
-            study if STUDIES.contains(&study) => {
-                (&["bench", study, "scenes", "--weights", "procedural"], false)
-            }
-            "calibrate" => (&["calibrate", "scenes", "--selection", "paper-selection"], true),
-            other => panic!("no case for `{other}`"),
-        };
-        let arguments = arguments.iter().map(|a| (*a).to_owned()).collect();
-        Self { program: program.to_owned(), root: root.to_owned(), arguments, needs_force }
+        let row = TABLE.lines().filter_map(|line| line.split_once(" | ")).find(|(known, _)| *known == name);
+        let (_, words) = row.unwrap_or_else(|| panic!("no case for `{name}`"));
+        let arguments = words.split(' ').map(str::to_owned).collect();
+        Self {
+            program: program.to_owned(),
+            root: root.to_owned(),
+            arguments,
+            needs_force: name == "calibrate",
+        }
     }
 
     /// The command with an output folder, which is there already; `calibrate` writes a file into it.

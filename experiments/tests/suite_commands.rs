@@ -83,7 +83,11 @@ fn another_version_of_a_suite_or_of_results_is_refused() {
     fs::write(desk.path("suite/suite.json"), suite.to_string()).unwrap();
     let refused = desk.test("idm", &[]);
     assert_eq!(refused.status.code(), Some(1));
-    assert!(stderr(&refused).contains("its version is 1; this program reads version 2"), "{}", stderr(&refused));
+    assert!(
+        stderr(&refused).contains("its version is 1; this program reads version 2"),
+        "{}",
+        stderr(&refused)
+    );
 }
 
 #[test]

@@ -90,7 +90,7 @@ fn driver_in_scene<'t>(
     seed: u64,
 ) -> Result<DriverInScene<'t>> {
     let simulated = simulated.as_ref().map_err(|error| Error::Value(error.to_string()))?;
-    Ok(DriverInScene::new(simulated, |scene| ego.test(scene, seed))?)
+    DriverInScene::new(simulated, |scene| ego.test(scene, seed))
 }
 
 /// Whether an error says that two cars touch *now*: nothing can be measured then, which is no failure.

@@ -150,8 +150,7 @@ impl PreparedStudy {
         } else {
             Vec::new()
         };
-        let hashes =
-            groups.iter().map(|group| Ok(weight_hashes(&group.experts)?)).collect::<Result<Vec<_>>>()?;
+        let hashes = groups.iter().map(|group| weight_hashes(&group.experts)).collect::<Result<Vec<_>>>()?;
         let built = groups.iter().flat_map(|group| &group.built);
         let files: Vec<_> =
             built.map(|built| &built.files).filter(|files| !files.is_empty()).cloned().collect();

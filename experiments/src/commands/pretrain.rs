@@ -75,7 +75,6 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         command: output::command(),
         license: args.license.clone().unwrap_or_default(),
         notes: [("start".to_owned(), initial_weights(args, &*network)?)].into(),
-        ..Header::default()
     };
     let identity = serde_json::to_value(Identity {
         backbone: &header.backbone,

@@ -190,13 +190,11 @@ fn method_at(results: &Results, chart: &ChartSpec, mix: &[(String, f64)]) -> Res
     let found: Vec<usize> = results.methods(chart.of).into_iter().filter(is_here).collect();
     match found[..] {
         [method] => Ok(method),
-        [] => return Err(Error::Value("a mixture of the picture was not measured".to_owned())),
-        _ => {
-            return Err(Error::Value(format!(
-                "the picture shows one merger, weights and generator; the study has {}",
-                found.len()
-            )));
-        }
+        [] => Err(Error::Value("a mixture of the picture was not measured".to_owned())),
+        _ => Err(Error::Value(format!(
+            "the picture shows one merger, weights and generator; the study has {}",
+            found.len()
+        ))),
     }
 }
 

@@ -127,7 +127,6 @@ pub(crate) fn run(args: &TrainGooseArgs, registries: &Registries) -> Result<Outc
             ("driver".to_owned(), ego.label.clone()),
         ]
         .into(),
-        ..Header::default()
     };
     parameters.save(&header, &run.folder().path().join(GOOSE_FILE))?;
     curves::write(learning.ended(), learning.losses(), run.folder())?;

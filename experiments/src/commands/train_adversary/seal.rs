@@ -172,7 +172,6 @@ pub(crate) fn run(args: &TrainSealArgs, registries: &Registries) -> Result<Outco
         command: output::command(),
         license,
         notes: [("training".to_owned(), serde_json::to_string(&options)?)].into(),
-        ..Header::default()
     };
     let file = |flow: &Parameters| SealWeights::file_parameters(&trained.criticality, &trained.skills, flow);
     let (adversarial, benign) = (file(&trained.adversarial), file(&trained.benign));

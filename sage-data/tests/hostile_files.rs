@@ -83,7 +83,8 @@ fn every_hostile_opcode_is_refused() {
 
 #[test]
 fn long_lines_and_deep_pickles_cost_little() {
-    let repeated = |head: &[u8], part: &[u8], n: usize, tail: &[u8]| [b"\x80\x02", head, &part.repeat(n), tail].concat();
+    let repeated =
+        |head: &[u8], part: &[u8], n: usize, tail: &[u8]| [b"\x80\x02", head, &part.repeat(n), tail].concat();
     let million = 1_000_000;
     let mut said = Vec::new();
     for bytes in [

@@ -393,7 +393,8 @@ fn links_in_the_output_are_not_followed() {
     assert_eq!(std::fs::read(at("victim")).unwrap(), b"mine");
     // Nothing is written to the system's folder of temporary files.
     let output = Command::new(env!("CARGO_BIN_EXE_sage"))
-        .args(["bench", "speed", "--repeat", "1"])
+        .args(["generate", &example(), "--out", text(&at("other"))])
+        .args(WEIGHTS)
         .env("TMPDIR", at("nowhere"))
         .output()
         .unwrap();

@@ -21,7 +21,6 @@ fn devices_are_refused_and_numbers_have_limits() {
     for command in [
         vec!["pretrain", "--procedural", "1", "--config", "/dev/zero", "--out", &out],
         vec!["finetune", "--procedural", "1", "--config", "/dev/zero", "--out", &out],
-        vec!["bench", "speed", "--data", "/dev/zero"],
         vec!["inspect", "/dev/zero"],
         vec!["generate", "/dev/zero", "--out", &attacked],
         vec!["score", &scene, "--candidates", "/dev/zero"],
@@ -79,9 +78,6 @@ fn pipes_on_the_command_line_are_read_once_and_those_in_folders_never() {
     let table_of_file = sage(&["bench", "open-loop", &scene, "--methods", "log", "--out", &table]);
     for path in ["-", "/dev/stdin"] {
         assert_eq!(row(&piped(&["inspect", path, "--json"], &scene)), row(&plain), "{path}");
-        assert!(
-            stdout(&piped(&["bench", "speed", "--data", path, "--repeat", "1"], &scene)).contains("attack")
-        );
         let table = at(&format!("table{}", path.len())).display().to_string();
         let arguments = ["bench", "open-loop", path, "--methods", "log", "--out", &table];
         assert_eq!(stdout(&piped(&arguments, &scene)), stdout(&table_of_file));

@@ -62,7 +62,6 @@ fn no_command_runs_what_is_in_a_scene_file() {
             vec!["pretrain", file, "--epochs", "1", "--out", &out("prior")],
             vec!["finetune", file, "--out", &out("experts")],
             vec!["calibrate", file, "--out", &out("dial.json")],
-            vec!["bench", "speed", "--data", file, "--repeat", "1"],
             vec!["bench", "prediction", file, "--out", &out("errors")],
             vec!["bench", "open-loop", file, "--methods", "log", "--out", &out("table")],
             vec!["bench", "dial", file, "--out", &out("dial")],
@@ -80,25 +79,6 @@ fn no_command_runs_what_is_in_a_scene_file() {
         }
     }
     assert_snapshot!("programs_in_scene_files", messages(refused));
-    let (_, said) = quick(&["bench", "speed", "--data", text(&at("scenes")), "--repeat", "1"]);
-    assert!(!marker.exists(), "{said}");
-}
-
-#[test]
-fn python_is_given_what_we_wrote_and_runs_no_module_of_the_current_folder() {
-    let folder = tempfile::tempdir().unwrap();
-    let marker = folder.path().join("marker");
-    for module in ["numpy", "pickle"] {
-        let code = format!("open({:?}, 'w')\n", text(&marker));
-        std::fs::write(folder.path().join(format!("{module}.py")), code).unwrap();
-    }
-    let output = Command::new(env!("CARGO_BIN_EXE_sage"))
-        .args(["bench", "speed", "--repeat", "1"])
-        .current_dir(&folder)
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", stderr(&output));
-    assert!(!marker.exists());
 }
 
 #[test]

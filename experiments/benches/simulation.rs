@@ -4,7 +4,7 @@
 use std::{hint::black_box, path::PathBuf, sync::Arc};
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
-use sage_core::scene::SceneIndex;
+use sage_core::{scene::SceneIndex, seed::Rng};
 use sage_data::Recording;
 use sage_sim::{
     SimScene,
@@ -36,9 +36,26 @@ fn environment(c: &mut Criterion) {
     group.bench_function("step", |b| {
         b.iter_batched(|| start.clone(), |mut e| e.step(Action::default()), BatchSize::SmallInput);
     });
+    for (name, sees) in [("an episode with observations", true), ("an episode", false)] {
+        group.bench_function(name, |b| b.iter(|| episode(reset(), sees)));
+    }
     let mut seen = [0.0; LENGTH];
     group.bench_function("observation", |b| b.iter(|| start.observe(black_box(&mut seen))));
     group.finish();
+}
+
+/// Drives an episode to its end with random actions. Returns its steps.
+fn episode(mut episode: Environment, sees: bool) -> usize {
+    let (mut rng, mut steps, mut seen) = (Rng::new(0, "bench", "actions"), 0, [0.0; LENGTH]);
+    while !episode.is_over() {
+        let action = Action { steer: rng.uniform(-0.1, 0.1), throttle: rng.uniform(-0.3, 0.6) };
+        episode.step(action).expect("it is not over");
+        if sees {
+            episode.observe(black_box(&mut seen));
+        }
+        steps += 1;
+    }
+    steps
 }
 
 fn policy_drives(c: &mut Criterion) {
@@ -46,7 +63,7 @@ fn policy_drives(c: &mut Criterion) {
     let registry = policies().expect("names are unique");
     let mut group = c.benchmark_group("a drive of 90 steps");
     group.sample_size(10);
-    for name in ["replay", "idm", "expert"] {
+    for name in ["replay", "idm", "expert", "pdm"] {
         let policy = registry.build_default(name).expect("it is registered");
         group.bench_function(name, |b| {
             b.iter(|| {

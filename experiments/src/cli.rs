@@ -21,7 +21,6 @@ mod training;
 
 use std::path::PathBuf;
 
-use advsage::driver_spec::DriverSpecs;
 use clap::{
     Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
@@ -336,33 +335,6 @@ pub(crate) enum BenchCommand {
     /// List the shipped studies and all metrics.
     List,
     Report(ReportArgs),
-    Speed(SpeedArgs),
-}
-
-/// Measure the time of reading, scoring, prediction, training and attacks.
-///
-/// A row runs on one core unless its name gives a number of threads. `target ms` is the time that the project
-/// allows, and `ratio` is median / target. If Python with numpy is installed, its
-/// pickle.loads is timed in the same run.
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Example:
-  sage bench speed --data scenes/ --json
-  sage bench speed --ego constant --ego 'cmd:python3 my_planner.py'")]
-pub(crate) struct SpeedArgs {
-    /// Folder of scenes (default: one built-in scene).
-    #[arg(long, value_name = "DIR")]
-    pub data: Option<PathBuf>,
-    /// Time only these policies: 1000 steps of each, as a median over the scenes, the start of each drive included. What a
-    /// planner costs is the difference to `constant`.
-    #[arg(long, value_name = "POLICIES")]
-    pub ego: Vec<DriverSpecs>,
-    /// Number of repetitions of each measurement.
-    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..100_000))]
-    pub repeat: u32,
-    /// Print one JSON object per line.
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// Output folder of a command that writes several files.

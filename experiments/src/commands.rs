@@ -1,7 +1,6 @@
 //! One file per command. A command takes parsed arguments and writes its results to stdout or files.
 
 pub(crate) mod analyse_connectivity;
-pub(crate) mod bench_speed;
 pub(crate) mod bench_study;
 pub(crate) mod calibrate;
 pub(crate) mod completions;

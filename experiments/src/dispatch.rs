@@ -57,7 +57,6 @@ impl Cli {
                 commands::analyse_connectivity::run(&args, &registries.parts)
             }
             Command::Bench(args) => match args.command {
-                Some(BenchCommand::Speed(args)) => commands::bench_speed::run(&args, &registries.parts),
                 Some(BenchCommand::List) => commands::bench_study::list(registries),
                 Some(BenchCommand::Report(args)) => commands::bench_study::report(&args, registries),
                 None => commands::bench_study::run(&args.study, Extent::of(args.study.shard), registries),

@@ -2,7 +2,6 @@
 //! parts: build [`Registries`], add entries, and pass them to [`run`].
 //!
 //! - `cli`: arguments. `commands`: one file per command. `dispatch`: which command runs.
-//! - [`mod@bench`] times the program.
 //!
 //! What a command does with many scenes is in `sage_run`, what it shows in `sage_view`, and what attacks and drives in `advsage`.
 //!
@@ -18,7 +17,6 @@
 //! }
 //! ```
 
-pub mod bench;
 mod candidates;
 mod cli;
 mod commands;

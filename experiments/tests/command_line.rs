@@ -260,15 +260,6 @@ fn completions_and_exit_codes() {
 }
 
 #[test]
-fn bench_speed_measures_without_any_data() {
-    let run = sage(&["bench", "speed", "--repeat", "1", "--json"]);
-    assert!(run.status.success(), "{}", stderr(&run));
-    let rows = rows(&run);
-    assert!(rows.iter().any(|row| row["name"].as_str().unwrap().contains("32 candidates")));
-    assert!(rows.iter().all(|row| row["median_ms"].as_f64().is_some_and(|ms| ms > 0.0)), "{rows:?}");
-}
-
-#[test]
 fn draw_writes_a_picture_and_overwrites_only_with_force() {
     let folder = tempfile::tempdir().unwrap();
     let picture = folder.path().join("crossing.svg");

@@ -129,7 +129,9 @@ fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
     let mut found = rows(&sage(&arguments));
     for (row, before) in found.iter_mut().zip(&all) {
         assert_eq!(row["seconds"], Value::Null);
-        row["seconds"] = before["seconds"].clone();
+        for time in ["seconds", "step_ms"] {
+            row[time] = before[time].clone();
+        }
         assert_eq!(row, before);
     }
     assert_eq!(fs::metadata(&page).unwrap().modified().unwrap(), written);
@@ -205,6 +207,10 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     | ------ | -----: | ------: | -------: | -------: |
     | idm    |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
     | expert |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
+    | driver | time a step | 99 % of steps |
+    | ------ | ----------: | ------------: |
+    | idm    | [time]
+    | expert | [time]
     to watch, open `[folder]/out/index.html` in a browser
     1 of 8 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
     ");
@@ -229,8 +235,9 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     ]);
     let plain = |rows: Vec<Value>| -> Vec<Value> {
         let strip = |mut row: Value| {
-            row["seconds"] = Value::Null;
-            row["run_hash"] = Value::Null;
+            for key in ["seconds", "step_ms", "run_hash"] {
+                row[key] = Value::Null;
+            }
             row
         };
         rows.into_iter().map(strip).collect()
@@ -249,6 +256,10 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     | ------ | -----: | ------: | -------: | -------: |
     | idm    |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
     | expert |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
+    | driver | time a step | 99 % of steps |
+    | ------ | ----------: | ------------: |
+    | idm    | [time]
+    | expert | [time]
     to watch, open `[folder]/out/index.html` in a browser
     ");
     let again = rows(&output);

@@ -19,7 +19,7 @@ use sage_core::{
     metric::{Metric, MetricInfo},
     scene::SceneData,
 };
-use sage_sim::SimScene;
+use sage_sim::{SimScene, policy::StepTimes};
 use serde::{Deserialize, Serialize};
 
 pub use attacks::{Attacks, Choice, MeasuredPlan};
@@ -49,6 +49,11 @@ pub trait Measurement: Sync + Send {
 
     /// Names the folder of a run for logs of drivers.
     fn write_logs_to(&self, _folder: &Path) {}
+
+    /// Times of the steps of the drivers that it measured, by their names.
+    fn step_times(&self) -> Vec<(&str, &StepTimes)> {
+        Vec::new()
+    }
 
     /// The attack of a key on the recorded ego, computed again for a picture; `None` if the key has none.
     ///

@@ -12,6 +12,7 @@ use advsage::{
     selection::Selection,
 };
 use sage_core::{generator::Attack, objective::ObjectiveSpec, scene::SceneData};
+use sage_sim::policy::StepTimes;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -209,6 +210,12 @@ impl PreparedStudy {
     /// Names the folder of a run for logs of drivers.
     pub fn write_logs_to(&self, folder: &Path) {
         self.measurements.iter().for_each(|measurement| measurement.write_logs_to(folder));
+    }
+
+    /// Times of the steps of the drivers that were measured so far, by their names. They are no part of the results, which
+    /// are the same at any speed.
+    pub fn step_times(&self) -> Vec<(&str, &StepTimes)> {
+        self.measurements.iter().flat_map(|measurement| measurement.step_times()).collect()
     }
 
     /// The attack of a key on the recorded ego, computed again for a picture; `None` if the key has none.

@@ -26,6 +26,7 @@ pub mod checks;
 mod contradictions;
 pub mod dataset;
 mod error;
+mod float_rows;
 pub mod folder;
 mod foreign;
 mod format;

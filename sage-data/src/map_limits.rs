@@ -46,14 +46,10 @@ fn check_lines(scene: &Scene, path: &Path) -> Result<(), Error> {
 /// Refuses a map with more than [`MOST_POINTS`] points in a square.
 fn check_density(scene: &Scene, path: &Path) -> Result<(), Error> {
     let points = &scene.map.points;
-    let square = |p: &[f64; 3]| [p[0], p[1]].map(|x| (x / SQUARE).floor() as i64);
-    // Squares that share a slot count together: if no slot is full, no square is.
-    let mut slots = [0u32; 4096];
-    let slot = |[x, y]: [i64; 2]| (x.wrapping_mul(73) ^ y.wrapping_mul(179)) as usize % 4096;
-    points.iter().for_each(|p| slots[slot(square(p))] += 1);
-    if slots.iter().all(|count| *count <= MOST_POINTS) {
+    if most_in_slot(points) <= MOST_POINTS / 4 {
         return Ok(());
     }
+    let square = |p: &[f64; 3]| [p[0], p[1]].map(|x| (x / SQUARE).floor() as i64);
     let mut squares: HashMap<[i64; 2], u32> = HashMap::new();
     points.iter().for_each(|p| *squares.entry(square(p)).or_default() += 1);
     let Some((at, count)) = squares.into_iter().max_by_key(|(at, count)| (*count, *at)) else {
@@ -69,6 +65,24 @@ fn check_density(scene: &Scene, path: &Path) -> Result<(), Error> {
         found: format!("{count} points within {SQUARE} m of [{x}, {y}]"),
         expected: format!("at most {MOST_POINTS} points in a square of {SQUARE} m"),
     })
+}
+
+/// A quarter of an upper bound on the number of points in a square, fast to compute.
+///
+/// Squares shifted by half their side share slots. Four of them cover any square.
+fn most_in_slot(points: &[[f64; 3]]) -> u32 {
+    const SLOTS: usize = 4096;
+    // Added to a number it rounds it to a whole one, in the lowest bits: faster than `floor`, which is a call.
+    const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
+    let whole = |x: f64| (x / SQUARE + ROUND).to_bits() as u32;
+    // Two tables in turn, because a count waits for the one before it.
+    let mut slots = [[0u32; SLOTS]; 2];
+    for (k, [x, y, _]) in points.iter().enumerate() {
+        let slot = whole(*x).wrapping_mul(73) ^ whole(*y).wrapping_mul(179);
+        slots[k % 2][slot as usize % SLOTS] += 1;
+    }
+    let [even, odd] = &slots;
+    even.iter().zip(odd).map(|(a, b)| a + b).max().unwrap_or(0)
 }
 
 /// Upper bound on the total length of the lines, fast to compute: the sum of the steps along each axis,

@@ -46,11 +46,6 @@ pub enum Error {
         /// Names of the tuned tensors.
         known: Vec<String>,
     },
-    /// Experts with encoders of their own, where one network is needed.
-    #[error(
-        "experts with their own encoders have no network that follows a mixture in place; use `Merger::merge`"
-    )]
-    OwnEncoders,
     /// Two experts of one name.
     #[error("there are two experts `{0}`")]
     SameName(String),

@@ -3,14 +3,12 @@
 //! - An [`ExpertSet`] is a prior with any number of experts tuned from it, checked for consistency.
 //! - A [`Merger`] builds a model from a set at a mixture; [`mergers`] lists those of this crate. Mergers
 //!   of weights are written per tensor ([`TensorMerger`]).
-//! - An [`InterpolatedModel`] is one network whose weights follow a mixture in place.
 
 mod dare;
 mod direct_extrapolation;
 mod error;
 mod expert_set;
 mod geometry;
-mod interpolated_model;
 mod linear;
 mod logit;
 mod merger;
@@ -31,7 +29,6 @@ pub use direct_extrapolation::{DirectExtrapolation, DirectOptions};
 pub use error::Error;
 pub use expert_set::{ADVERSARIAL, ExpertFile, ExpertSet, LAWFUL, REALISTIC, TensorSet};
 pub use geometry::{Geometry, TensorGeometry};
-pub use interpolated_model::InterpolatedModel;
 pub use linear::Linear;
 pub use logit::LogitMixing;
 pub use merger::{Merger, Range, TensorMerger, TensorRule, merged_weights, mix_numbers};

@@ -28,7 +28,7 @@ pub trait Merger: Send + Sync {
         true
     }
 
-    /// The merger of weights, if it is one; an [`InterpolatedModel`](crate::InterpolatedModel) needs it.
+    /// The merger of weights, if it is one; [`merged_weights`] needs it.
     fn tensors(&self) -> Option<&dyn TensorMerger> {
         None
     }
@@ -112,8 +112,8 @@ pub trait TensorMerger: Send + Sync {
 
 /// The rule by which a prepared [`TensorMerger`] mixes one tensor.
 ///
-/// It is applied to tensors that fine-tuning changed in some expert; the others stay the prior's. It gets numbers, no network,
-/// so the same rule builds a model and changes one in place.
+/// It is applied to tensors that fine-tuning changed in some expert; the others stay the prior's. It gets numbers and no
+/// network.
 pub trait TensorRule: Send + Sync {
     /// Writes a tensor at a mixture, given by its weights.
     fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]);

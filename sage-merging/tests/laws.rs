@@ -15,7 +15,7 @@ use sage_core::{
     seed::Rng,
 };
 use sage_data::procedural::{Kind, generate};
-use sage_merging::{ADVERSARIAL, ExpertSet, InterpolatedModel, Merger, REALISTIC, merged_weights, mergers};
+use sage_merging::{ADVERSARIAL, ExpertSet, Merger, REALISTIC, merged_weights, mergers};
 
 fn prior(name: &str) -> Arc<dyn Backbone> {
     backbones().unwrap().build(name, &serde_json::json!({"hidden": 16})).unwrap().into()
@@ -299,32 +299,6 @@ fn a_soup_of_three_is_their_mean_and_linear_at_the_middle_is_too() {
             let mean = all.iter().map(|expert| f64::from(expert[k])).sum::<f64>() / 3.0;
             assert!((f64::from(*x) - mean).abs() <= 1e-7 * mean.abs().max(0.1), "{name}: {x} for {mean}");
             assert!((x - y).abs() <= 1e-6 * x.abs().max(0.1), "{name}: {x} and {y}");
-        }
-    }
-}
-
-#[test]
-fn the_interpolated_model_computes_what_a_merged_model_does() {
-    let scene = generate(Kind::FourWay, 3, 0).unwrap();
-    let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone())).unwrap();
-    for name in NETWORKS {
-        let set = experts(name, 2);
-        for kind in weight_mergers() {
-            let merger = merger(kind);
-            let mut model = InterpolatedModel::new(&set, merger.tensors().unwrap(), 0).unwrap();
-            let features = model.network().features(&now, scene.adversary.unwrap(), None).unwrap();
-            let features = Arc::new(features);
-            // One encoding for all mixtures.
-            let encoding = model.network().encode(features.clone()).unwrap();
-            for lambda in [0.0, 0.5, 1.0, 0.25, 0.0] {
-                let at = set.between(lambda).unwrap();
-                model.set(&at).unwrap();
-                let fresh = merger.merge(&set, &at, 0).unwrap();
-                let again = set.prior().encode(features.clone()).unwrap();
-                let expected = fresh.log_probs(&again).unwrap();
-                let found = model.network().log_probs(&encoding).unwrap();
-                assert_eq!(numbers(&found), numbers(&expected), "{name}, {kind} at {lambda}");
-            }
         }
     }
 }

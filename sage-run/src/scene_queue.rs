@@ -327,14 +327,15 @@ pub fn is_row_of(path: &Path, run_hash: &str) -> bool {
     files::read_start(path, start.len() as u64).is_ok_and(|bytes| bytes == start.as_bytes())
 }
 
-/// The JSON line of a row's file, with the time of the work if this run did it.
+/// The JSON line of a row's file, with the times of the work if this run did it.
 ///
 /// *Errors*: the file cannot be read, or it is not a row.
-fn json_line(path: &Path, seconds: Option<f64>) -> Result<Vec<u8>> {
+fn json_line(path: &Path, times: &Line) -> Result<Vec<u8>> {
     let text = files::read_text(path, ROW_LIMIT)?;
-    let seconds = serde_json::to_string(&seconds)?;
+    let seconds = serde_json::to_string(&times.seconds)?;
+    let step = times.step_ms.map_or(String::new(), |ms| format!(",\"step_ms\":{ms}"));
     let open = text.trim_end().strip_suffix('}').ok_or_else(|| anyhow::anyhow!("it is no JSON object"))?;
     let mut line = Vec::with_capacity(text.len() + 32);
-    terminal::write_json_line(&mut line, &format!("{open},\"seconds\":{seconds}}}"))?;
+    terminal::write_json_line(&mut line, &format!("{open},\"seconds\":{seconds}{step}}}"))?;
     Ok(line)
 }

@@ -26,6 +26,7 @@ mod replay;
 mod shown;
 mod steering;
 mod takeover;
+mod timed;
 mod tracking;
 
 use std::{cell::OnceCell, fmt, path::Path, sync::Arc};
@@ -52,6 +53,7 @@ pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
 pub use shown::Shown;
 pub use takeover::{Takeover, TakeoverOptions};
+pub use timed::{StepTimes, Timed};
 pub use tracking::Tracking;
 
 use crate::{

@@ -14,7 +14,7 @@ use sage_bench::{
     measure::ExpertSource,
     prepared_study::{self, PreparedStudy},
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
-    rows::Results,
+    rows::{Results, Subject},
     runner::{self, Observer},
     study::Study,
 };
@@ -27,6 +27,7 @@ use sage_run::{
     output::{
         self, Counts, DatasetRun, Ended, Extent, Folder, Inputs, MANIFEST, Producer, SceneRecord, ShardState,
     },
+    printing,
     progress::{self, Progress, count},
     scenes::Scenes,
 };
@@ -192,6 +193,9 @@ impl<'a> Job<'a> {
             run.folder().remove(RESULTS)?;
         }
         output::print(&if self.args.wide { report.markdown() } else { report.terminal() })?;
+        if study.measures(Subject::Drive) {
+            printing::print_step_times(self.prepared.step_times());
+        }
         let pictures = if study.report.pictures { ", index.html with pictures" } else { "" };
         let out = run.folder().path().display();
         progress::say(&format!("{}, {STUDY_RECORD}{pictures} are in `{out}`", files_of(&report)));

@@ -7,7 +7,7 @@ mod index;
 mod scene;
 mod summary;
 
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::Arc};
 
 use advsage::{
     Registries,
@@ -24,6 +24,7 @@ use sage_run::{
     progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, work_on},
 };
+use sage_sim::policy::StepTimes;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -65,6 +66,8 @@ struct Identity<'a> {
 struct Job<'a> {
     args: &'a SimulateArgs,
     egos: Vec<Ego>,
+    /// Times of the steps of each driver in this run.
+    times: Vec<Arc<StepTimes>>,
     attacked: Attacked,
     /// Says on each page what attacks.
     subtitle: String,
@@ -95,7 +98,8 @@ impl<'a> Job<'a> {
                 }
             }
         };
-        Ok(Self { args, egos, attacked, subtitle })
+        let times = egos.iter().map(|_| Arc::default()).collect();
+        Ok(Self { args, egos, times, attacked, subtitle })
     }
 
     /// Name of each attack, as part of file names; empty without a generator.
@@ -227,6 +231,8 @@ pub(crate) fn run(args: &SimulateArgs, extent: Extent, registries: &Registries) 
     }
     if let Some(table) = summary::table(&simulation, &folder, &scenes.reported_by(extent), &hash) {
         sage_run::printing::print_table(&table, args.json)?;
+        let names = simulation.egos.iter().map(|ego| &*ego.label);
+        sage_run::printing::print_step_times(names.zip(simulation.times.iter().map(|times| &**times)));
     }
     let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
     if worked.has_results() && out.join(&page).is_file() {

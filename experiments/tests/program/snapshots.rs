@@ -38,8 +38,13 @@ pub fn masked(text: &str, start: &str, is_of_it: fn(char) -> bool, stand_in: &st
     parts.fold(first, |all, part| all + stand_in + part.trim_start_matches(is_of_it))
 }
 
-/// A line without its time: `5 scenes (1.2 s)`.
+/// A line without its time, `5 scenes (1.2 s)`, or without those of a table, `| idm | 0.021 ms |`.
 fn without_time(line: &str) -> String {
+    if line.trim_end().ends_with(" ms |") {
+        let is_time =
+            |cell: &&str| cell.trim().strip_suffix(" ms").is_none_or(|ms| ms.parse::<f64>().is_err());
+        return line.split('|').filter(is_time).collect::<Vec<_>>().join("|").replacen('\n', " [time]\n", 1);
+    }
     let time = || {
         let (said, time) = line.trim_end().strip_suffix(" s)")?.rsplit_once('(')?;
         time.parse::<f64>().is_ok().then(|| format!("{said}([time])\n"))

@@ -18,6 +18,7 @@ use sage_sim::{
     attack_test::{AttackPath, AttackTest},
     avoidable::{Avoidance, AvoidanceOptions},
     metrics::MeasuredAttack,
+    policy::{StepTimes, Timed},
     unattacked::UnattackedDrive,
 };
 
@@ -63,6 +64,8 @@ struct Searches {
 pub struct Attacks {
     /// Drivers; empty for the recording.
     egos: Vec<Ego>,
+    /// Times of their steps.
+    times: Vec<Arc<StepTimes>>,
     groups: Vec<Group>,
     /// What is measured, in the order of the keys.
     slots: Vec<Slot>,
@@ -139,6 +142,7 @@ impl Attacks {
             of_attacked_drives: is_costly(&infos(&attacked)),
         };
         let mut all = Self {
+            times: egos.iter().map(|_| Arc::default()).collect(),
             egos,
             groups,
             slots: Vec::new(),
@@ -185,9 +189,10 @@ impl Attacks {
         driver: Option<(&Ego, &Result<Arc<SimScene>, sage_sim::Error>)>,
         result: &mut SceneResult,
     ) {
-        let test = driver.map(|(ego, simulated)| -> Result<(AttackTest<'_>, SceneData)> {
+        let timed = driver.map(|(ego, _)| Timed::new(&*ego.policy, self.times[number].clone()));
+        let test = driver.zip(timed.as_ref()).map(|((_, simulated), policy)| -> Result<(AttackTest<'_>, SceneData)> {
             let simulated = simulated.as_ref().map_err(|error| Error::Value(error.to_string()))?;
-            let test = AttackTest::new(&*ego.policy, simulated, self.seed)?;
+            let test = AttackTest::new(policy, simulated, self.seed)?;
             let (name, index) = (data.name.clone(), data.index.clone());
             let recorded = SceneData { name, scene: test.scene_as_driven(), index };
             Ok((test, recorded))
@@ -336,6 +341,10 @@ impl Attacks {
 impl Measurement for Attacks {
     fn write_logs_to(&self, folder: &Path) {
         self.egos.iter().for_each(|ego| ego.policy.write_logs_to(folder));
+    }
+
+    fn step_times(&self) -> Vec<(&str, &StepTimes)> {
+        self.egos.iter().zip(&self.times).map(|(ego, times)| (&*ego.label, &**times)).collect()
     }
 
     fn keys(&self) -> &[Key] {

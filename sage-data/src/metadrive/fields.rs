@@ -5,7 +5,7 @@ use std::{cell::Cell, fmt, path::Path};
 use sage_core::motion::MAX_COORDINATE;
 
 use crate::{
-    Error,
+    Error, float_rows,
     pickle::{Array, Document, Dtype, ElementKind, Id, Node},
 };
 
@@ -381,20 +381,8 @@ impl<'d> Fields<'d> {
         let bytes = self.document.bytes(array.data);
         // Scene files contain little-endian floats in C order; the first two arms are fast paths for them.
         match (array.dtype, array.fortran && width > 1) {
-            (F32, false) => out.extend(bytes.chunks_exact(4 * width).map(|raw| {
-                let mut row = [0.0; N];
-                for (slot, raw) in row.iter_mut().zip(raw.as_chunks::<4>().0) {
-                    *slot = f64::from(f32::from_le_bytes(*raw));
-                }
-                row
-            })),
-            (F64, false) => out.extend(bytes.chunks_exact(8 * width).map(|raw| {
-                let mut row = [0.0; N];
-                for (slot, raw) in row.iter_mut().zip(raw.as_chunks::<8>().0) {
-                    *slot = f64::from_le_bytes(*raw);
-                }
-                row
-            })),
+            (F32, false) if width == N => out.extend(float_rows::of_f32(bytes)),
+            (F64, false) if width == N => out.extend(float_rows::of_f64(bytes)),
             (dtype, fortran) => {
                 let values: Vec<f64> = dtype.read(bytes).collect();
                 let at = |row: usize, column: usize| {
@@ -411,7 +399,7 @@ impl<'d> Fields<'d> {
 
 /// Whether all numbers are finite and within ±`limit`, in one branch-free pass. NaN also fails the comparison.
 fn all_within<const N: usize>(limit: f64, rows: &[[f64; N]]) -> bool {
-    !rows.iter().flatten().fold(false, |bad, x| bad | !(x.abs() <= limit))
+    !rows.as_flattened().iter().fold(false, |bad, x| bad | !(x.abs() <= limit))
 }
 
 fn widths_in_words(widths: &[usize]) -> String {

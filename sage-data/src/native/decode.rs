@@ -14,7 +14,7 @@ use sage_core::{
 
 use super::{Header, KEY, Link, VERSION};
 use crate::{
-    Error, ReadOptions,
+    Error, ReadOptions, float_rows,
     repairs::{self, Draft},
 };
 
@@ -135,19 +135,11 @@ struct Columns<'n, const N: usize> {
 impl<const N: usize> Columns<'_, N> {
     /// Reads a range of rows.
     fn read(&self, rows: Range<usize>) -> Result<Vec<[f64; N]>, Error> {
-        let mut read: Vec<[f64; N]> = Vec::with_capacity(rows.len());
         let bytes = |size: usize| &self.tensor.data[rows.start * N * size..rows.end * N * size];
-        if self.tensor.dtype == Dtype::F32 {
-            read.extend(bytes(4).chunks_exact(4 * N).map(|raw| {
-                let cells = raw.as_chunks::<4>().0;
-                std::array::from_fn(|k| f64::from(f32::from_le_bytes(cells[k])))
-            }));
-        } else {
-            read.extend(bytes(8).chunks_exact(8 * N).map(|raw| {
-                let cells = raw.as_chunks::<8>().0;
-                std::array::from_fn(|k| f64::from_le_bytes(cells[k]))
-            }));
-        }
+        let read: Vec<[f64; N]> = match self.tensor.dtype {
+            Dtype::F32 => float_rows::of_f32(bytes(4)).collect(),
+            _ => float_rows::of_f64(bytes(8)).collect(),
+        };
         // NaN also fails the comparison.
         let is_bad = |x: &f64| !(x.abs() <= self.limit);
         if read.as_flattened().iter().fold(false, |bad, x| bad | is_bad(x)) {

@@ -82,7 +82,11 @@ impl Machine {
     fn run(&mut self, opcode_at: &mut usize) -> Result<Id, Problem> {
         let first = *self.document.first().ok_or(Problem::EmptyFile)?;
         if first != op::PROTO {
-            return Err(if begins_value(first) { Problem::OldProtocol } else { Problem::NotAPickle { first } });
+            return Err(if begins_value(first) {
+                Problem::OldProtocol
+            } else {
+                Problem::NotAPickle { first }
+            });
         }
         loop {
             *opcode_at = self.at;

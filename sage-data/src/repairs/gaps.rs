@@ -12,7 +12,6 @@ const SAME_PLACE: f64 = 0.5;
 const STANDING: f64 = 0.5;
 /// Overlap of recorded boxes that says nothing, metres: labels of neighbours overlap.
 const TOUCHING: f64 = 0.2;
-/// How the note begins.
 /// Names of road users in the note.
 const NAMED: usize = 5;
 

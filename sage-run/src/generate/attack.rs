@@ -126,7 +126,12 @@ impl<'w> SceneWriter<'w> {
             let mut row = self.row(attack, scores, ctx, variant, generated, candidates);
             row.files = scene_files.iter().map(|(name, _)| name.clone()).collect();
             let name = row_file(self.scene, variant);
-            lines.push(Line { text: row.line(Some(seconds)), row: name.clone(), seconds: Some(seconds) });
+            lines.push(Line {
+                text: row.line(Some(seconds)),
+                row: name.clone(),
+                seconds: Some(seconds),
+                step_ms: None,
+            });
             // The row is written last, because its presence means that its scene files are complete.
             scene_files.push((name, serde_json::to_vec(&row)?));
             written_files.append(&mut row.files);
@@ -162,7 +167,7 @@ impl<'w> SceneWriter<'w> {
             };
             let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
             self.run.folder().write(&name, &bytes)?;
-            lines.push(Line { text: row.line(), row: name, seconds: None });
+            lines.push(Line { text: row.line(), row: name, seconds: None, step_ms: None });
         }
         Ok(lines)
     }

@@ -105,7 +105,7 @@ fn finished(job: &impl SceneJob, run: &DatasetRun, scene: &SceneFile) -> Result<
         if !row.files.iter().all(exists) {
             return Ok(None);
         }
-        lines.push(Line { text: row.line, row: file, seconds: None });
+        lines.push(Line { text: row.line, row: file, seconds: None, step_ms: None });
         files.extend(row.files);
     }
     Ok(job.pages(name).iter().all(exists).then(|| SceneReport::found(lines, files)))

@@ -25,6 +25,8 @@ pub struct Line {
     pub row: String,
     /// Time of the work, seconds; `None` if an earlier run finished it.
     pub seconds: Option<f64>,
+    /// Mean time of a step of the driver, milliseconds, if one drove.
+    pub step_ms: Option<f64>,
 }
 
 /// Result of one scene.
@@ -222,7 +224,7 @@ impl Report {
     fn write(&self, line: &Line) -> Result<()> {
         let bytes = if self.json {
             let row = self.folder.join(&line.row);
-            json_line(&row, line.seconds).with_context(|| format!("cannot read `{}`", row.display()))?
+            json_line(&row, line).with_context(|| format!("cannot read `{}`", row.display()))?
         } else {
             format!("{}\n", line.text).into_bytes()
         };

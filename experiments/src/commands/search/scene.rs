@@ -121,7 +121,12 @@ impl OneScene<'_> {
         written.push((row_file(self.name), serde_json::to_vec(&row)?));
         self.run.folder().write_all(&written)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let line = Line { text: row.line(Some(seconds)), row: row_file(self.name), seconds: Some(seconds) };
+        let line = Line {
+            text: row.line(Some(seconds)),
+            row: row_file(self.name),
+            seconds: Some(seconds),
+            step_ms: None,
+        };
         Ok(SceneReport {
             lines: vec![line],
             files: row.files,

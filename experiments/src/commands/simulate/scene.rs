@@ -18,7 +18,12 @@ use sage_run::{
     scene_queue::{FoundRow, Line, SceneFile, SceneJob, SceneReport},
 };
 use sage_sim::{
-    SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, policy::Shown, traffic::Plan,
+    SimScene,
+    attack_test::AttackTest,
+    drive::Drive,
+    episode::Episode,
+    policy::{Shown, StepTimes, Timed},
+    traffic::Plan,
 };
 use sage_view::player::{self, Page, Panel, Sweep};
 
@@ -73,6 +78,8 @@ struct DrivenRow {
     swept: Option<(&'static str, f64)>,
     plan: Option<Plan>,
     result: DriveResult,
+    /// Mean time of a step of the driver in this scene, milliseconds.
+    step_ms: Option<f64>,
 }
 
 enum DriveResult {
@@ -130,7 +137,8 @@ impl SceneDrives<'_> {
                     // Without its unchanged drive there are no attacks on it.
                     let result = DriveResult::Failed(PlannerFailure::of(error)?);
                     let label = String::new();
-                    rows.push(DrivenRow { ego: number, variant: 0, label, swept: None, plan: None, result });
+                    let (swept, plan, step_ms) = (None, None, None);
+                    rows.push(DrivenRow { ego: number, variant: 0, label, swept, plan, result, step_ms });
                     None
                 }
             };
@@ -152,7 +160,9 @@ impl SceneDrives<'_> {
     ) -> Result<Option<Drive>> {
         let (ego, seed) = (&self.simulation.egos[number], self.simulation.args.options.generator.seed);
         let failed = || format!("the policy `{}` cannot drive here", ego.label);
-        let test = self.attacks.has_attack().then(|| AttackTest::new(&*ego.policy, simulated, seed));
+        let (times, first) = (Arc::new(StepTimes::default()), rows.len());
+        let policy = Timed::new(&*ego.policy, times.clone());
+        let test = self.attacks.has_attack().then(|| AttackTest::new(&policy, simulated, seed));
         let test = test.transpose().with_context(failed)?;
         for (variant, planned) in self.attacks.planned(test.as_ref())?.into_iter().enumerate() {
             let (label, swept, generated) = (planned.label, planned.swept, planned.generated);
@@ -166,7 +176,7 @@ impl SceneDrives<'_> {
                         let row = attack.row(outcome.verdict, &outcome.episode, test.unattacked())?;
                         Ok((outcome.episode, Some(row)))
                     }),
-                _ => Episode::run(simulated, None, &*ego.policy, seed)
+                _ => Episode::run(simulated, None, &policy, seed)
                     .with_context(failed)
                     .map(|episode| (episode, None)),
             };
@@ -177,8 +187,10 @@ impl SceneDrives<'_> {
                 }
                 Err(error) => DriveResult::Failed(PlannerFailure::of(error)?),
             };
-            rows.push(DrivenRow { ego: number, variant, label, swept, plan, result });
+            rows.push(DrivenRow { ego: number, variant, label, swept, plan, result, step_ms: None });
         }
+        rows[first..].iter_mut().for_each(|row| row.step_ms = times.mean());
+        self.simulation.times[number].add_all(&times);
         Ok(test.map(|test| test.unattacked().clone()))
     }
 
@@ -277,7 +289,8 @@ impl SceneDrives<'_> {
                 DriveResult::Driven(_, row) => {
                     let text = format!("{} ({:.0} ms)", row.line(variant), 1e3 * seconds);
                     all.push((file.clone(), serde_json::to_vec(row)?));
-                    lines.push(Line { text, row: file.clone(), seconds: Some(seconds) });
+                    let (row, step_ms) = (file.clone(), driven.step_ms);
+                    lines.push(Line { text, row, seconds: Some(seconds), step_ms });
                 }
                 DriveResult::Failed(failure) => failures.push(failure.message.clone()),
             }

@@ -10,7 +10,10 @@ use std::{
 };
 
 use anyhow::Result;
-use sage_bench::csv_text::csv;
+use sage_bench::{
+    chart::line::{Chart, Line},
+    csv_text::csv,
+};
 use sage_core::text::table::Table;
 use sage_learn::{Algorithm, Evaluation, TrainingOptions};
 use sage_run::{
@@ -25,7 +28,6 @@ use super::{
     columns::{COMPLETION, CONTACT, Columns, OFF_ROAD, text},
     trained::Trained,
 };
-use crate::bench::line_chart::{Chart, Line};
 
 /// Newest evaluations that a table averages.
 const AVERAGED: usize = 5;

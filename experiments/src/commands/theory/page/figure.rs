@@ -3,7 +3,7 @@
 use anyhow::Result;
 use theory_checks::Figure;
 
-use crate::bench::line_chart::{Chart, Legend, Line};
+use sage_bench::chart::line::{Chart, Legend, Line};
 
 /// Draws a figure.
 ///

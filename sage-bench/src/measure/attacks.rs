@@ -190,13 +190,15 @@ impl Attacks {
         result: &mut SceneResult,
     ) {
         let timed = driver.map(|(ego, _)| Timed::new(&*ego.policy, self.times[number].clone()));
-        let test = driver.zip(timed.as_ref()).map(|((_, simulated), policy)| -> Result<(AttackTest<'_>, SceneData)> {
-            let simulated = simulated.as_ref().map_err(|error| Error::Value(error.to_string()))?;
-            let test = AttackTest::new(policy, simulated, self.seed)?;
-            let (name, index) = (data.name.clone(), data.index.clone());
-            let recorded = SceneData { name, scene: test.scene_as_driven(), index };
-            Ok((test, recorded))
-        });
+        let test = driver.zip(timed.as_ref()).map(
+            |((_, simulated), policy)| -> Result<(AttackTest<'_>, SceneData)> {
+                let simulated = simulated.as_ref().map_err(|error| Error::Value(error.to_string()))?;
+                let test = AttackTest::new(policy, simulated, self.seed)?;
+                let (name, index) = (data.name.clone(), data.index.clone());
+                let recorded = SceneData { name, scene: test.scene_as_driven(), index };
+                Ok((test, recorded))
+            },
+        );
         let test = match test.transpose() {
             Ok(test) => test,
             Err(error) => {

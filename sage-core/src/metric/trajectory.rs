@@ -196,13 +196,11 @@ pub fn trajectory_metrics(
                 .about("first step with contact"),
         ])?
         .with_all(extensions)?
-        .with_all([
-            Metric::median("generation", |t: &T| Some(1e3 * t.seconds))
-                .unit("ms")
-                .about("time of one operating point; it differs from run to run")
-                .varying()
-                .less_is_better(),
-        ])?
+        .with_all([Metric::median("generation", |t: &T| Some(1e3 * t.seconds))
+            .unit("ms")
+            .about("time of one operating point; it differs from run to run")
+            .varying()
+            .less_is_better()])?
         .with_all(pooled_distances())?
         .with_all(CollisionType::ALL.map(|kind| {
             Metric::share(format!("type: {}", kind.name()), move |t: &T| {

@@ -77,7 +77,11 @@ fn each_crate_depends_on_lower_layers_alone() {
     }
     let members = manifest("");
     let members = members.lines().find_map(|line| line.strip_prefix("members = ")).unwrap();
-    assert_eq!(members.matches('"').count() / 2, LAYERS.len(), "each crate has a layer");
+    assert_eq!(
+        members.matches('"').count() / 2,
+        LAYERS.len() + 1,
+        "each crate but `workspace-hack` has a layer"
+    );
 }
 
 /// A module of a crate: the names on its path.

@@ -8,17 +8,14 @@ use advsage::{
 };
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use sage_data::{
-    dataset::Shard,
-    openscenario::{EgoMode, Standard},
-};
+use sage_data::dataset::Shard;
 use sage_generators::Rate;
 use sage_run::generate::GenerateOptions;
 
 use super::{
     Cli, FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
     avoiding::AvoidableArgs,
-    formats::{attack_formats, ego_modes, standards},
+    formats::{ScenarioArgs, attack_formats},
     help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION},
     reading::ReadingArgs,
 };
@@ -81,13 +78,8 @@ pub(crate) struct GenerateArgs {
     /// Format of the written scenes.
     #[arg(long, help_heading = OUTPUT, default_value = "pickle", value_parser = attack_formats())]
     pub format: AttackFormats,
-    /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
-    #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
-    pub standard: Option<Standard>,
-    /// Who drives the ego with --format openscenario: the recording, or an external controller that gets a start
-    /// speed and a route (default: replay).
-    #[arg(long, help_heading = OUTPUT, value_name = "WHO", value_parser = ego_modes())]
-    pub scenario_ego: Option<EgoMode>,
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
     /// Attack only the scenes of shard K of N. Several machines can write all shards into one folder,
     /// which `sage join` completes.
     #[arg(long, help_heading = RUN, value_name = "K/N", conflicts_with = "force")]
@@ -188,8 +180,8 @@ impl GenerateArgs {
             latest_start: self.latest_start,
             avoidable: self.avoidable.options(),
             format: self.format,
-            standard: self.standard,
-            scenario_ego: self.scenario_ego,
+            standard: self.scenario.standard,
+            scenario_ego: self.scenario.scenario_ego,
             reading: self.reading.options(),
             out: self.folder.out.clone(),
             force: self.folder.force,

@@ -3,11 +3,16 @@
 use std::str::FromStr;
 
 use advsage::attacked_files::AttackFormats;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{
+    Args,
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
+};
 use sage_data::{
     Format,
     openscenario::{EgoMode, Standard, UnknownName},
 };
+
+use super::help::OUTPUT;
 
 /// Parses a format that scenes are written in: one of some, or any.
 pub(super) fn scene_formats(some: &'static [Format]) -> impl TypedValueParser<Value = Format> {
@@ -41,4 +46,16 @@ where
     T: FromStr<Err = UnknownName> + Clone + Send + Sync + 'static,
 {
     PossibleValuesParser::new(all).try_map(|name| name.parse())
+}
+
+/// Options of scenarios.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct ScenarioArgs {
+    /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
+    #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
+    pub standard: Option<Standard>,
+    /// Who drives the ego with --format openscenario: the recording, or an external controller that gets a start
+    /// speed and a route (default: replay).
+    #[arg(long, help_heading = OUTPUT, value_name = "WHO", value_parser = ego_modes())]
+    pub scenario_ego: Option<EgoMode>,
 }

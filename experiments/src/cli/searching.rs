@@ -7,10 +7,7 @@ use clap::{
     Args, ValueEnum,
     builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
 };
-use sage_data::{
-    dataset::Shard,
-    openscenario::{EgoMode, Standard},
-};
+use sage_data::dataset::Shard;
 use sage_sim::{
     fault::FaultRule,
     search::{MOST_PLANS, Order, Requirement},
@@ -19,7 +16,7 @@ use sage_sim::{
 use super::{
     AttackArgs, FolderArgs, PlannerArgs, ReadingArgs,
     avoiding::AvoidableArgs,
-    formats::{attack_formats, ego_modes, standards},
+    formats::{ScenarioArgs, attack_formats},
     help::{ATTACK, DRIVER, OUTPUT, RUN, SEARCH, SELECTION},
 };
 
@@ -93,13 +90,8 @@ pub(crate) struct SearchArgs {
     /// Formats of the attacked scenes.
     #[arg(long, help_heading = OUTPUT, default_value = "native", value_parser = attack_formats())]
     pub format: AttackFormats,
-    /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
-    #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
-    pub standard: Option<Standard>,
-    /// Who drives the ego with --format openscenario: the recording, or an external controller that gets a start
-    /// speed and a route (default: replay).
-    #[arg(long, help_heading = OUTPUT, value_name = "WHO", value_parser = ego_modes())]
-    pub scenario_ego: Option<EgoMode>,
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
     /// Search only the scenes of shard K of N. Several machines can write all shards into one folder,
     /// which `sage join` completes.
     #[arg(long, help_heading = RUN, value_name = "K/N", conflicts_with = "force")]

@@ -65,7 +65,7 @@ impl<'a> Searcher<'a> {
     ///
     /// *Errors*: an argument is out of range or names an unknown part; weights cannot be used.
     pub(super) fn new(args: &'a SearchArgs, registries: &'a Registries) -> Result<Self> {
-        args.format.check_scenario(args.standard, args.scenario_ego)?;
+        args.format.check_scenario(args.scenario.standard, args.scenario.scenario_ego)?;
         let ego = Ego::new(&args.planner.applied(&args.ego), registries)?
             .with_references(&args.reference, registries)?;
         let ego = Ego { fault: args.fault, ..ego };
@@ -107,10 +107,10 @@ impl<'a> Searcher<'a> {
 
     /// Choices for OpenSCENARIO files, without the licence.
     pub(super) fn scenario_options(&self) -> Options {
-        let SearchArgs { standard, scenario_ego, .. } = self.args;
+        let scenario = self.args.scenario;
         Options {
-            standard: standard.unwrap_or_default(),
-            ego: scenario_ego.unwrap_or_default(),
+            standard: scenario.standard.unwrap_or_default(),
+            ego: scenario.scenario_ego.unwrap_or_default(),
             license: None,
         }
     }

@@ -2,13 +2,13 @@
 //!
 //! ```sh
 //! cargo build --release && cp target/release/sage target/before     # of the first commit
-//! cargo run --release -p experiments --example safety_net -- target/net target/before target/release/sage [--quick] [DATA]
+//! cargo run --release -p experiments --example safety_net -- target/net target/before target/release/sage [--quick] [--without=FIELD,...] [DATA]
 //! ```
 //!
 //! Each command runs in a folder of its own, `target/net/<program>/<case>`; what the first program wrote is kept and used again.
 //! Values are compared, not bytes: numbers and texts of JSON and CSV, tensors of safetensors files, and other files as a whole.
 //! Times, hashes of runs and what names the program are left out. `--quick` takes two minutes. With DATA, a folder of recorded scenes, it
-//! is attacked and driven too. The exit status is 1 if a value differs.
+//! is attacked and driven too. `--without=FIELD,...` leaves out fields of JSON that a change takes away. The exit status is 1 if a value differs.
 
 // A program for maintainers: what goes wrong ends it with a message.
 #![allow(clippy::unwrap_used, clippy::print_stdout, clippy::print_stderr)]
@@ -23,7 +23,8 @@ use std::{
 use serde_json::Value;
 
 /// Fields that differ from run to run, or name the program.
-const VOLATILE: [&str; 10] = [
+const VOLATILE: [&str; 11] = [
+    "step_ms",
     "seconds",
     "core_seconds",
     "per_attack",
@@ -124,9 +125,12 @@ const TRAININGS: [(&str, &str); 7] = [
 fn main() -> ExitCode {
     let mut words: Vec<String> = std::env::args().skip(1).collect();
     let is_quick = words.iter().any(|word| word == "--quick");
-    words.retain(|word| word != "--quick");
+    let without = words.iter().find_map(|word| word.strip_prefix("--without=")).map(str::to_owned);
+    let left_out: Vec<&str> =
+        VOLATILE.into_iter().chain(without.iter().flat_map(|all| all.split(','))).collect();
+    words.retain(|word| !word.starts_with("--"));
     let [net, before, after, data @ ..] = &words[..] else {
-        eprintln!("usage: safety_net FOLDER BEFORE AFTER [--quick] [DATA]");
+        eprintln!("usage: safety_net FOLDER BEFORE AFTER [--quick] [--without=FIELD,...] [DATA]");
         return ExitCode::from(2);
     };
     let absolute = |path: &String| fs::canonicalize(path).unwrap_or_else(|error| panic!("{path}: {error}"));
@@ -142,7 +146,8 @@ fn main() -> ExitCode {
         for (program, folder) in [before, after].map(absolute).iter().zip(&folders) {
             run(program, &folder.join(&case.name), case);
         }
-        let [expected, found] = folders.each_ref().map(|folder| values_of(&folder.join(&case.name)));
+        let [expected, found] =
+            folders.each_ref().map(|folder| values_of(&folder.join(&case.name), &left_out));
         let differing = differing(&expected, &found);
         println!("{}: {} values, {} differ", case.name, expected.len(), differing.len());
         values += expected.len();
@@ -172,7 +177,7 @@ fn run(program: &Path, folder: &Path, case: &Case) {
 }
 
 /// Values of all files of a folder by their places.
-fn values_of(folder: &Path) -> BTreeMap<String, String> {
+fn values_of(folder: &Path, left_out: &[&str]) -> BTreeMap<String, String> {
     let mut values = BTreeMap::new();
     let mut open = vec![folder.to_owned()];
     while let Some(path) = open.pop() {
@@ -186,7 +191,7 @@ fn values_of(folder: &Path) -> BTreeMap<String, String> {
         match &*ending {
             // Progress holds times.
             "log" => {}
-            "json" | "jsonl" => of_json(&name, &bytes, &mut values),
+            "json" | "jsonl" => of_json(&name, &bytes, left_out, &mut values),
             "csv" => of_csv(&name, &String::from_utf8_lossy(&bytes), &mut values),
             "safetensors" | "scene" => of_tensors(&name, &bytes, &mut values),
             // Pages and notes say how long a run took.
@@ -196,26 +201,26 @@ fn values_of(folder: &Path) -> BTreeMap<String, String> {
     values
 }
 
-fn of_json(name: &str, bytes: &[u8], values: &mut BTreeMap<String, String>) {
+fn of_json(name: &str, bytes: &[u8], left_out: &[&str], values: &mut BTreeMap<String, String>) {
     for (k, value) in serde_json::Deserializer::from_slice(bytes).into_iter::<Value>().enumerate() {
         match value {
-            Ok(value) => leaves(&format!("{name}:{k}"), &value, values),
+            Ok(value) => leaves(&format!("{name}:{k}"), &value, left_out, values),
             // Printed lines that are no JSON: tables.
             Err(_) => drop(values.insert(name.to_owned(), without_times(&String::from_utf8_lossy(bytes)))),
         }
     }
 }
 
-fn leaves(place: &str, value: &Value, values: &mut BTreeMap<String, String>) {
+fn leaves(place: &str, value: &Value, left_out: &[&str], values: &mut BTreeMap<String, String>) {
     match value {
         Value::Object(fields) => {
-            for (key, value) in fields.iter().filter(|(key, _)| !VOLATILE.contains(&&***key)) {
-                leaves(&format!("{place}.{key}"), value, values);
+            for (key, value) in fields.iter().filter(|(key, _)| !left_out.contains(&&***key)) {
+                leaves(&format!("{place}.{key}"), value, left_out, values);
             }
         }
         Value::Array(items) => {
             for (k, item) in items.iter().enumerate() {
-                leaves(&format!("{place}[{k}]"), item, values);
+                leaves(&format!("{place}[{k}]"), item, left_out, values);
             }
         }
         leaf => drop(values.insert(place.to_owned(), leaf.to_string())),

@@ -58,7 +58,7 @@ fn workspace() -> PathBuf {
 }
 
 fn manifest(name: &str) -> String {
-    fs::read_to_string(workspace().join(name).join("Cargo.toml")).unwrap()
+    fs::read_to_string(workspace().join(name).join("Cargo.toml")).expect("each crate has a manifest")
 }
 
 #[test]

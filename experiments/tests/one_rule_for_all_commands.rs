@@ -29,7 +29,7 @@ fn commands_with_weights(scene: &str) -> Vec<Vec<String>> {
         "bench drivers SCENE --ego idm",
         "bench dial SCENE",
         "calibrate SCENE --selection natural",
-        "bench search SCENE --ego idm --set search={budget:2} --method pool",
+        "bench search SCENE --ego idm --set search={\"budget\":2} --method pool",
         "train-ego --procedural 6 --updates 300 --evaluations 1 --config {\"td3\":{\"hidden\":[8,8],\"batch\":16,\"random_steps\":200}} --method sage --eval-method none",
     ];
     all.into_iter().map(words).collect()

@@ -46,7 +46,7 @@ fn add<T: Real>(x: &mut [T], row: &[T], d: usize) {
 pub fn column_sums<T: Real>(rows: &[T], d: usize) -> Vec<T> {
     let mut sums = BlockSums::new(d);
     for row in rows.chunks_exact(d) {
-        for (sum, x) in sums.next().iter_mut().zip(row) {
+        for (sum, x) in sums.next_row().iter_mut().zip(row) {
             *sum += *x;
         }
     }

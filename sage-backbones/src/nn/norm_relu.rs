@@ -128,7 +128,7 @@ fn backward<T: Real>(x: &[T], biases: &[T], scale: &[T], y: &[T], dy: &[T], grou
             for unit in &mut unit {
                 *unit = (*unit - mean) * inverse;
             }
-            let (dgamma, dbeta) = scale_sums.next().split_at_mut(d);
+            let (dgamma, dbeta) = scale_sums.next_row().split_at_mut(d);
             for k in 0..d {
                 let passed = if y[k] > T::zero() { dy[k] } else { T::zero() };
                 dbeta[k] += passed;
@@ -138,7 +138,7 @@ fn backward<T: Real>(x: &[T], biases: &[T], scale: &[T], y: &[T], dy: &[T], grou
             }
             let mean_through = sum(&through) * share;
             let mean_product = sum(&work) * share;
-            let dbias = bias_sums.next();
+            let dbias = bias_sums.next_row();
             for k in 0..d {
                 dx[k] = inverse * (through[k] - mean_through - unit[k] * mean_product);
                 dbias[k] += dx[k];

@@ -134,7 +134,7 @@ impl<T: Real> BlockSums<T> {
 
     /// The sums to which the next row is added.
     #[inline(always)]
-    pub fn next(&mut self) -> &mut [T] {
+    pub fn next_row(&mut self) -> &mut [T] {
         if self.rows == Self::BLOCK {
             self.close();
         }

@@ -12,6 +12,9 @@ use serde_json::{Value, json};
 
 use super::{Mutant, programs};
 
+/// A file with another part in a place.
+type Around = fn(&[u8], Range<usize>, Vec<u8>) -> Vec<u8>;
+
 /// A format.
 pub struct Format {
     pub name: &'static str,
@@ -22,9 +25,9 @@ pub struct Format {
     /// Where damage passes checksums and lengths, so that what lies behind them is tested.
     pub inside: fn(&[u8]) -> Option<Range<usize>>,
     /// A file with another part in that place, with the checksums and lengths of this part.
-    pub around: fn(&[u8], Range<usize>, Vec<u8>) -> Vec<u8>,
+    pub around: Around,
     /// Files that are made, not damaged.
-    pub made: Option<fn(&Format, &mut Rng) -> Mutant>,
+    pub made: Option<fn(&Self, &mut Rng) -> Mutant>,
 }
 
 /// The formats that are read without further libraries, from pickles, a shard and procedural scenes.

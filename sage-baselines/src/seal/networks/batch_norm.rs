@@ -90,7 +90,7 @@ fn statistics<T: Real>(x: &[T], d: usize) -> [Vec<f64>; 2] {
     let share = (d as f64) / x.len() as f64;
     let mut sums = BlockSums::new(d);
     for row in x.chunks_exact(d) {
-        for (sum, x) in sums.next().iter_mut().zip(row) {
+        for (sum, x) in sums.next_row().iter_mut().zip(row) {
             *sum += *x;
         }
     }
@@ -98,7 +98,7 @@ fn statistics<T: Real>(x: &[T], d: usize) -> [Vec<f64>; 2] {
     let centre: Vec<T> = mean.iter().map(|x| T::from_f64(*x)).collect();
     let mut squares = BlockSums::new(d);
     for row in x.chunks_exact(d) {
-        for ((sum, x), centre) in squares.next().iter_mut().zip(row).zip(&centre) {
+        for ((sum, x), centre) in squares.next_row().iter_mut().zip(row).zip(&centre) {
             *sum += (*x - *centre) * (*x - *centre);
         }
     }
@@ -161,7 +161,7 @@ fn backward<T: Real>(x: &[T], gamma: &[T], dy: &[T], mean: &[T], inverse: &[T]) 
     let d = mean.len();
     let mut sums = BlockSums::new(2 * d);
     for (x, dy) in x.chunks_exact(d).zip(dy.chunks_exact(d)) {
-        let (dgamma, dbeta) = sums.next().split_at_mut(d);
+        let (dgamma, dbeta) = sums.next_row().split_at_mut(d);
         for k in 0..d {
             dgamma[k] += dy[k] * (x[k] - mean[k]) * inverse[k];
             dbeta[k] += dy[k];

@@ -253,6 +253,9 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
     error: `[folder]/scenes/no-scene.pkl`: field `(root)` is None; expected a dict
     read 1 scene ([time])
     1 method on 1 scene ([time])
+    | driver | time a step | 99 % of steps |
+    | ------ | ----------: | ------------: |
+    | idm    | [time]
     table.md, estimates.csv, rows.csv, study.json are in `[folder]/drivers`
     1 scene failed; the results are of the others
     ");

@@ -3,6 +3,7 @@
 
 use std::{path::PathBuf, sync::Arc};
 
+use sage_baselines::with_baselines;
 use sage_core::{
     generator::{Attack, Note, OperatingPoint},
     geometry::distance,
@@ -36,7 +37,10 @@ fn inputs() -> GeneratorInputs {
 fn attack(scene: &Arc<Scene>, name: &str, options: &Value) -> Result<Attack, String> {
     let index = SceneIndex::new(scene.map.clone());
     let ctx = Context::new(scene, &index, &ContextOptions::default()).unwrap();
-    let kind = generators().unwrap().build(name, options).map_err(|error| error.to_string())?;
+    let kind = with_baselines(generators().unwrap())
+        .unwrap()
+        .build(name, options)
+        .map_err(|error| error.to_string())?;
     let generator = kind.build(&inputs()).map_err(|error| error.to_string())?;
     let attacks = generator.attacks(&ctx, &[OperatingPoint::at(1.0, 1.0)], 0);
     attacks.map(|mut attacks| attacks.remove(0)).map_err(|error| error.to_string())

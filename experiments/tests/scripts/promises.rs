@@ -16,7 +16,8 @@ fn promises_are_those_of_the_page_and_each_has_its_tests() {
     for ([name, tests], row) in promises.iter().zip(rows) {
         let cell = row.trim_end_matches([' ', '|']).rsplit(" | ").next().unwrap();
         for test in tests.split("; ") {
-            let (file, function) = test.split_once(":").map_or((test, ""), |(file, start)| (file, start.trim()));
+            let (file, function) =
+                test.split_once(":").map_or((test, ""), |(file, start)| (file, start.trim()));
             let short = file.rsplit('/').find(|part| *part != "main.rs").unwrap().trim_end_matches(".rs");
             assert!(cell.contains(short), "{name} does not name `{short}`: {cell}");
             let place = if file.ends_with(".script") {

@@ -312,7 +312,7 @@ mod tests {
     #[test]
     fn bits_do_not_depend_on_the_number_of_threads() {
         const CHILD: &str = "SAGE_TEST_GOOSE_BITS";
-        const NAME: &str = "goose::training::tests::bits_do_not_depend_on_the_number_of_threads";
+        const NAME: &str = "goose::networks::training::tests::bits_do_not_depend_on_the_number_of_threads";
         if std::env::var_os(CHILD).is_some() {
             let lengths: Vec<usize> = (0..128).map(|k| 19 - k % 7).collect();
             let (mut training, drives) = (training(), drives(&lengths));

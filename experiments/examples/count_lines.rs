@@ -5,7 +5,9 @@
 
 use std::{
     collections::BTreeMap,
-    env, fs, io,
+    env,
+    ffi::OsStr,
+    fs, io,
     path::{Path, PathBuf},
 };
 
@@ -14,14 +16,12 @@ type Counts = [usize; 4];
 
 /// What a file adds. A file of tests, and what follows `#[cfg(test)]` on a module, are tests as a whole.
 fn lines_of(path: &Path, text: &str) -> Counts {
-    let is_test_folder = |part: &str| ["tests", "benches"].contains(&part);
-    let parts = || path.iter().filter_map(|part| part.to_str());
-    let mut is_test = parts().any(is_test_folder) || parts().any(|part| part == "tests.rs");
+    let mut is_test =
+        path.iter().any(|part| ["tests", "benches", "tests.rs"].map(OsStr::new).contains(&part));
     let mut counts = Counts::default();
     let mut lines = text.lines().peekable();
     while let Some(line) = lines.next() {
-        let begins_tests = line == "#[cfg(test)]" && lines.peek().is_some_and(|next| next.ends_with('{'));
-        is_test |= begins_tests;
+        is_test |= line == "#[cfg(test)]" && lines.peek().is_some_and(|next| next.ends_with('{'));
         let trimmed = line.trim_start();
         let kind = match trimmed {
             _ if is_test => 1,
@@ -36,8 +36,8 @@ fn lines_of(path: &Path, text: &str) -> Counts {
 
 /// Adds the files of a folder to the crate that they belong to: the nearest folder above with a manifest.
 fn add([root, folder]: [&Path; 2], owner: &str, all: &mut BTreeMap<String, Counts>) -> io::Result<()> {
-    let own = folder.join("Cargo.toml").exists() && !folder.ends_with("examples");
-    let name = folder.file_name().and_then(|name| name.to_str()).filter(|_| own).unwrap_or(owner);
+    let is_crate = folder.join("Cargo.toml").exists();
+    let name = folder.file_name().and_then(|name| name.to_str()).filter(|_| is_crate).unwrap_or(owner);
     for entry in fs::read_dir(folder)? {
         let path: PathBuf = entry?.path();
         let is_hidden =
@@ -45,8 +45,7 @@ fn add([root, folder]: [&Path; 2], owner: &str, all: &mut BTreeMap<String, Count
         if path.is_dir() && !is_hidden {
             add([root, &path], name, all)?;
         } else if path.extension().is_some_and(|ending| ending == "rs") {
-            let inside = path.strip_prefix(root).unwrap_or(&path);
-            let counts = lines_of(inside, &fs::read_to_string(&path)?);
+            let counts = lines_of(path.strip_prefix(root).unwrap_or(&path), &fs::read_to_string(&path)?);
             let sum = all.entry(name.to_owned()).or_default();
             (0..4).for_each(|k| sum[k] += counts[k]);
         }

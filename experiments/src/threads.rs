@@ -17,28 +17,18 @@ pub(crate) fn restart_without_candle_threads() -> Option<ExitCode> {
         return None;
     }
     let mut arguments = std::env::args_os();
+    let _name = arguments.next()?;
     let mut command = Command::new(std::env::current_exe().ok()?);
+    command.args(arguments).envs(VARIABLES.map(|name| (name, "1")));
     #[cfg(unix)]
     {
-        use std::os::unix::process::CommandExt;
-        command.arg0(arguments.next()?);
+        // Returns only on failure; this process then continues with candle's threads, which is slower.
+        use std::os::unix::process::CommandExt as _;
+        let _ = command.arg0(_name).exec();
+        None
     }
     #[cfg(not(unix))]
-    arguments.next();
-    command.args(arguments).envs(VARIABLES.map(|name| (name, "1")));
-    replace(command)
-}
-
-#[cfg(unix)]
-fn replace(mut command: Command) -> Option<ExitCode> {
-    use std::os::unix::process::CommandExt;
-    // Returns only on failure; this process then continues with candle's threads, which is slower.
-    let _ = command.exec();
-    None
-}
-
-#[cfg(not(unix))]
-fn replace(mut command: Command) -> Option<ExitCode> {
-    let status = command.status().ok()?;
-    Some(status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from))
+    let code = command.status().ok()?.code().and_then(|code| u8::try_from(code).ok());
+    #[cfg(not(unix))]
+    Some(code.map_or(ExitCode::FAILURE, ExitCode::from))
 }

@@ -84,8 +84,6 @@ fn columns(rows: &[ScoreRow]) -> serde_json::Result<Vec<(String, Vec<f64>)>> {
         Value::Null => Some(f64::NAN),
         _ => None,
     };
-    let nested =
-        |value: &Value| value.as_object().map(|fields| fields.clone().into_iter().collect::<Vec<_>>());
     for (k, row) in rows.iter().enumerate() {
         let fields = row.as_object().into_iter().flatten();
         let mut all: Vec<(String, f64)> = Vec::new();
@@ -94,12 +92,8 @@ fn columns(rows: &[ScoreRow]) -> serde_json::Result<Vec<(String, Vec<f64>)>> {
                 all.push((name.clone(), value));
             } else if name == "rewards" {
                 // Rewards beyond the fields, each a column of its own.
-                all.extend(
-                    nested(value)
-                        .into_iter()
-                        .flatten()
-                        .filter_map(|(name, value)| Some((name, number(&value)?))),
-                );
+                let rewards = value.as_object().into_iter().flatten();
+                all.extend(rewards.filter_map(|(name, value)| Some((name.clone(), number(value)?))));
             }
         }
         for (name, value) in all {

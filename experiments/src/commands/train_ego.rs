@@ -6,7 +6,6 @@ mod columns;
 mod driven_scenes;
 mod one_seed;
 mod report;
-mod trained;
 
 use std::{
     sync::{
@@ -30,7 +29,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use self::{
-    attacks::Attacks, chosen::Chosen, columns::Columns, driven_scenes::DrivenScenes, trained::Trained,
+    attacks::Attacks, chosen::Chosen, columns::Columns, driven_scenes::DrivenScenes, report::Trained,
 };
 use crate::{Registries, cli::TrainEgoArgs};
 

@@ -10,7 +10,10 @@ use sage_run::{output::Run, progress};
 use sage_sim::actor::{PolicyCard, write_policy};
 use serde_json::json;
 
-use super::{Shared, report, trained::Trained};
+use super::{
+    Shared,
+    report::{self, Trained},
+};
 
 /// Name of a seed's folder.
 pub(super) fn folder(seed: u64) -> String {

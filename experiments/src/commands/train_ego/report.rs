@@ -15,7 +15,7 @@ use sage_bench::{
     csv_text::csv,
 };
 use sage_core::text::table::Table;
-use sage_learn::{Algorithm, Evaluation, TrainingOptions};
+use sage_learn::{Algorithm, Counters, Evaluation, TrainingOptions};
 use sage_run::{
     output::Run,
     progress,
@@ -24,13 +24,19 @@ use sage_run::{
 use sage_sim::{actor::PolicyCard, evaluation::EpisodeRow};
 use serde_json::{Map, Value, json};
 
-use super::{
-    columns::{COMPLETION, CONTACT, Columns, OFF_ROAD, text},
-    trained::Trained,
-};
+use super::columns::{COMPLETION, CONTACT, Columns, OFF_ROAD, text};
 
 /// Newest evaluations that a table averages.
 const AVERAGED: usize = 5;
+
+/// A trained seed.
+pub(super) struct Trained {
+    pub(super) seed: u64,
+    pub(super) evaluations: Vec<Evaluation>,
+    pub(super) losses: Vec<[f64; 3]>,
+    pub(super) counters: Counters,
+    pub(super) updates: u64,
+}
 
 /// Means of all columns, with the number of episodes.
 pub(super) fn means(columns: &Columns, rows: &[EpisodeRow]) -> Value {

@@ -19,7 +19,7 @@ use crate::{
     },
 };
 
-/// Loads a pickle as a careless program does, with a stand-in for numpy.
+/// Loads a pickle as a careless program does, with an empty module in place of numpy.
 const LOAD: &str = "
 import pickle, sys, types
 class Anything:

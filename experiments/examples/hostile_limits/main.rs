@@ -4,7 +4,7 @@
 //! cargo build --release && cargo run --release -p experiments --example hostile_limits -- 10000
 //! cargo run --release -p experiments --example hostile_limits -- 100 --seed 7 --kind native --keep failed/
 //! ```
-//! A run ends cleanly if its exit code is 0, 1 or 2, its message is short, and nothing outside the output folder
+//! A run ends cleanly if its exit code is 0, 1, 2 or 65, its message is short, and nothing outside the output folder
 //! changed. For a file below 1 MB it takes at most 1 GB of memory, and `inspect`, `draw`, `generate` and `simulate` take
 //! at most 5 s of processor time on one thread. The program ends with an error at the first run that does not, and
 //! keeps its file. With `--limit-mb 1` every run fails.

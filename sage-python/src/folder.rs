@@ -62,15 +62,10 @@ impl PyScenes {
         PyScenesInTurn { scenes: slf, next: AtomicUsize::new(0) }
     }
 
-    #[expect(clippy::type_complexity, reason = "the arguments of `_of_files`")]
-    fn __reduce__<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<Reduced<'py, (PathBuf, Vec<PathBuf>, (Option<usize>, Option<f64>, [bool; 4]))>> {
-        let Reading { options, keep_source } = &self.reading;
-        let flags = [options.resample, options.trust_positions, options.strict, *keep_source];
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py, (PathBuf, Vec<PathBuf>, String)>> {
+        let reading = detached(py, || Ok(serde_json::to_string(&self.reading)?))?;
         let rebuild = py.get_type::<Self>().getattr("_of_files")?;
-        Ok((rebuild, (self.folder.clone(), self.files.clone(), (options.now, options.rate, flags))))
+        Ok((rebuild, (self.folder.clone(), self.files.clone(), reading)))
     }
 
     #[classmethod]
@@ -78,11 +73,11 @@ impl PyScenes {
         _class: &Bound<'_, PyType>,
         folder: PathBuf,
         files: Vec<PathBuf>,
-        reading: (Option<usize>, Option<f64>, [bool; 4]),
-    ) -> Self {
-        let (now, rate, [resample, trust_positions, strict, keep_source]) = reading;
-        let options = ReadOptions { now, resample, rate, trust_positions, strict, ego_track: None };
-        Self { folder, files, reading: Reading { options, keep_source } }
+        reading: &str,
+    ) -> PyResult<Self> {
+        let reading = serde_json::from_str(reading);
+        let reading = reading.map_err(|_| OptionError::new_err("the pickled list of scenes is damaged"))?;
+        Ok(Self { folder, files, reading })
     }
 
     fn __repr__(&self) -> String {

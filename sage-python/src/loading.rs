@@ -8,6 +8,7 @@ use sage_data::{
     ReadOptions, Recording, folder,
     procedural::{self, Kind},
 };
+use serde::{Deserialize, Serialize};
 
 use crate::{
     errors::{OptionError, UnknownName, detached},
@@ -15,7 +16,7 @@ use crate::{
 };
 
 /// How files are read.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct Reading {
     pub(crate) options: ReadOptions,
     pub(crate) keep_source: bool,

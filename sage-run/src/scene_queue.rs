@@ -3,6 +3,7 @@
 
 mod job;
 mod report;
+mod row_file;
 
 use std::{
     path::{Path, PathBuf},
@@ -12,10 +13,9 @@ use std::{
     },
 };
 
-use advsage::rows::ROW_LIMIT;
 use anyhow::Result;
 use rayon::prelude::*;
-use sage_core::{defect, files, statistics};
+use sage_core::{defect, statistics};
 use sage_data::{ReadOptions, folder};
 use serde_json::{Value, json};
 
@@ -23,11 +23,12 @@ use crate::{
     Outcome, input,
     outcome::{may_pass, may_succeed_later},
     output::{self, Counts, DatasetRun, Extent, FileRecord, Inputs, SceneRecord, ShardState, State},
-    progress, terminal,
+    progress,
 };
 
 pub use job::{FoundRow, SceneFile, SceneJob, work_on};
 pub use report::{Line, Report, ReportWords, SceneReport};
+pub use row_file::is_row_of;
 
 /// A scene file with the name of its outputs.
 pub struct Input {
@@ -319,23 +320,4 @@ fn recorded(folder: &Path, input: &Input, scene: &SceneReport) -> Result<SceneRe
     let rows = scene.lines.iter().map(|line| &*line.row);
     SceneRecord::new(&input.scene, state, scene.failures.join("; "))
         .with_files(folder, rows.chain(scene.files.iter().map(String::as_str)))
-}
-
-/// True if a file is a row of the run with a hash. A row is a JSON object whose first field is `run_hash`.
-pub fn is_row_of(path: &Path, run_hash: &str) -> bool {
-    let start = format!("{{\"run_hash\":\"{run_hash}\"");
-    files::read_start(path, start.len() as u64).is_ok_and(|bytes| bytes == start.as_bytes())
-}
-
-/// The JSON line of a row's file, with the times of the work if this run did it.
-///
-/// *Errors*: the file cannot be read, or it is not a row.
-fn json_line(path: &Path, times: &Line) -> Result<Vec<u8>> {
-    let text = files::read_text(path, ROW_LIMIT)?;
-    let seconds = serde_json::to_string(&times.seconds)?;
-    let step = times.step_ms.map_or(String::new(), |ms| format!(",\"step_ms\":{ms}"));
-    let open = text.trim_end().strip_suffix('}').ok_or_else(|| anyhow::anyhow!("it is no JSON object"))?;
-    let mut line = Vec::with_capacity(text.len() + 32);
-    terminal::write_json_line(&mut line, &format!("{open},\"seconds\":{seconds}{step}}}"))?;
-    Ok(line)
 }

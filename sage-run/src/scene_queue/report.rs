@@ -11,7 +11,7 @@ use std::{
 use anyhow::{Context as _, Result};
 use sage_data::checks::Warning;
 
-use super::json_line;
+use super::row_file::json_line;
 use crate::progress::{Progress, count, say};
 
 /// Scenes with a kind of warning from which on the kind is only counted: in some data sets every scene has it.

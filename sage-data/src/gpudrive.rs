@@ -2,6 +2,24 @@
 //!
 //! A file becomes MetaDrive values and goes through the decoder that pickles go through. There are two dialects without a
 //! version ([`Dialect`]). `docs/formats.md` says what is kept in each direction.
+//!
+//! | | present | old |
+//! | --- | --- | --- |
+//! | told by | `metadata` | no `metadata` |
+//! | headings | radians | degrees |
+//! | names of road users | `id` | their number in `objects`, from 0 |
+//! | the ego | `metadata.sdc_track_index` | none: the user names it |
+//! | absent frames | −10 000 | 0.0001 |
+//! | `map_element_id` of driveways | 20 | −1 |
+//!
+//! - `map_element_id` gives the type of a road (`map_elements.rs`), without it `type` alone does.
+//! - `tl_states` holds for each lane lists of `state` (`stop`, `arrow_go`, …), `x`, `y`, `z` and `time_index`, the frames in which
+//!   the light was seen.
+//! - `tracks_to_predict` beyond the objects are left out, with a note.
+//! - Keys of the scene, of `metadata`, road users and roads that are not known are kept and written again; others, in points and
+//!   lights, are not.
+//! - The unit of headings is that of the dialect, unless the values and the motion say otherwise: beyond a turn and in degrees along
+//!   the motion, or, in the old dialect, within a turn and in radians along it. Both are noted.
 
 mod decode;
 mod encode;

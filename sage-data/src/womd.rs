@@ -4,7 +4,32 @@
 //! the decoder that pickles go through. A scene is then the same, whichever file it came from, and a record can be written as a
 //! pickle.
 //!
-//! [`ShardReader`] reads a file record by record. `docs/formats.md` lists what is read.
+//! [`ShardReader`] reads a file record by record. `docs/formats.md` lists what a conversion loses.
+//!
+//! # From a record to a scene
+//!
+//! | field of `Scenario` | becomes |
+//! | --- | --- |
+//! | `scenario_id` | `id`, `metadata.scenario_id`, name of output files |
+//! | `timestamps_seconds` | `metadata.ts`, 32-bit |
+//! | `tracks`: `id`, `object_type`, `states` | a track per id (text), 32-bit. Missing states are not valid |
+//! | `sdc_track_index` | the ego |
+//! | `objects_of_interest`, `tracks_to_predict`, `current_time_index` | the same in `metadata`; *now* is always frame 10 |
+//! | `dynamic_map_states` | a light per lane, in order of appearance; the last stop point holds for all frames |
+//! | `map_features` | a feature per id |
+//! | `lane.speed_limit_mph` | also `speed_limit_kmh`, × 1.609344 |
+//! | `lane.left_boundaries`, `right_boundaries` | also `width`, as in ScenarioNet; some are nonsense (over 10 m) |
+//! | 7001, 7002, of `sage` alone | data set, if not Waymo's; `sage_provenance` |
+//!
+//! `version` is `womd`, `dataset` is `waymo` without field 7001, `source_file` is the name of the TFRecord file.
+//!
+//! Required of a record: 11 to 40 000 frames, finite numbers within ±10⁸, enum values of the schema and not `UNSET` as type of a
+//! track, unique ids of tracks, `sdc_track_index` and each `track_index` of a track, indices of boundaries within their lane,
+//! polylines and polygons of at least one point, length and width of a track above 0 on valid frames. A known field of another
+//! wire type is an error, unknown fields are skipped.
+//!
+//! Not kept, in any format: `compressed_frame_laser_data`, `frame_camera_tokens`, unknown fields, features of no kind, states and
+//! lights after the last frame, the order of lights within a frame, order and packing of fields, explicit zeros.
 
 mod decode;
 mod encode;

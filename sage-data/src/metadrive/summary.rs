@@ -2,6 +2,12 @@
 //!
 //! They are `object_summary` and `number_summary` in the metadata, and ids and types in the metadata of each
 //! track and light.
+//!
+//! - `object_summary`, per track: `type`, `object_id`, `track_length` (frames), `moving_distance` (m, in the plane), `valid_length`
+//!   (frames), `continuous_valid_length` (first valid run)
+//! - `number_summary`: `num_objects`, `object_types`, `num_objects_each_type`, `num_moving_objects`, `num_moving_objects_each_type`,
+//!   `num_traffic_lights`, `num_traffic_light_types`, `num_traffic_light_each_step`, `num_map_features`, `map_height_diff` (m)
+//! - set where they are missing: `ts`, `coordinate`, `dataset`, `metadrive_processed`
 
 use std::collections::{BTreeMap, BTreeSet};
 

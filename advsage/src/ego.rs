@@ -65,9 +65,19 @@ impl Ego {
     ///
     /// *Errors*: as [`AttackTest::new`].
     pub fn test(&self, scene: &Arc<SimScene>, seed: u64) -> Result<AttackTest<'_>, sage_sim::Error> {
-        Ok(AttackTest::new(&*self.policy, scene, seed)?
-            .with_references(&self.references)
-            .with_fault(self.fault))
+        self.test_of(&*self.policy, scene, seed)
+    }
+
+    /// The same of its policy in another one, such as one whose steps are timed.
+    ///
+    /// *Errors*: as [`AttackTest::new`].
+    pub fn test_of<'e>(
+        &'e self,
+        policy: &'e dyn EgoPolicy,
+        scene: &Arc<SimScene>,
+        seed: u64,
+    ) -> Result<AttackTest<'e>, sage_sim::Error> {
+        Ok(AttackTest::new(policy, scene, seed)?.with_references(&self.references).with_fault(self.fault))
     }
 
     /// Takes other reference drivers than the default ones.

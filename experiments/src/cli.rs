@@ -4,6 +4,7 @@
 mod adversaries;
 mod attacking;
 mod avoiding;
+mod brief_help;
 mod converting;
 mod driving;
 mod formats;
@@ -364,7 +365,9 @@ impl Cli {
     ///
     /// *Errors*: wrong usage, or help or the version is asked for.
     pub(crate) fn read() -> std::result::Result<Self, clap::Error> {
-        let mut command = Self::described();
+        let shows_all = std::env::args_os().any(|word| word == brief_help::OPTION);
+        let described = Self::described();
+        let mut command = if shows_all { described } else { brief_help::brief(described) };
         let mut matches = command.try_get_matches_from_mut(std::env::args_os())?;
         Self::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
     }

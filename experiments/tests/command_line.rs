@@ -242,7 +242,10 @@ fn every_command_has_a_help_text_of_at_most_100_columns() {
             assert!(line.chars().count() <= 100, "{words:?}: {line}");
         }
         assert_eq!(help(&[&["help"], &words[..]].concat(), "100"), long, "{words:?}");
-        assert_snapshot!(format!("help_{}", [&["sage"], &words[..]].concat().join("_")), long);
+        // `docs/reference/commands.md` holds all options.
+        if words == ["search"] {
+            assert_snapshot!("help_of_search", long);
+        }
     }
 }
 

@@ -74,6 +74,11 @@ impl Format {
         self != Self::Parquet
     }
 
+    /// Whether scenes are read from it.
+    pub fn is_read(self) -> bool {
+        self != Self::OpenScenario
+    }
+
     /// The formats that scenes are written in.
     pub fn all_written() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|format| format.is_written())

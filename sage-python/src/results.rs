@@ -28,7 +28,7 @@ use sage_sim::{
     attack_test::AttackPath,
     drive::Drive,
     episode::{Episode, Verdict},
-    search::{Pool, Requirement, SearchResult},
+    search::{Pool, SearchOptions, SearchResult},
     traffic::Plan,
 };
 use sage_view::{
@@ -131,7 +131,7 @@ impl DriveResult<'_> {
 /// *Errors*: none but those of JSON.
 pub(crate) fn search_rows(
     head: &SearchHead,
-    require: Requirement,
+    options: &SearchOptions,
     before: &Drive,
     pool: &Pool,
     result: &SearchResult,
@@ -144,7 +144,7 @@ pub(crate) fn search_rows(
         Ok(without_run(serde_json::to_value(row)?))
     });
     let failures = failures.collect::<Result<_>>()?;
-    let mut row = SceneRow::new(head.clone(), require, pool, result, |number| plans.source(number));
+    let mut row = SceneRow::new(head.clone(), options, pool, result, |number| plans.source(number));
     row.unattacked_contact = before.contacts.first().map(|contact| step(contact.step));
     Ok((without_run(serde_json::to_value(row)?), failures))
 }

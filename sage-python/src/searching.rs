@@ -71,7 +71,7 @@ impl Searcher {
             adversary: driver.ctx.adversary().id.clone(),
         };
         let before = driver.test.unattacked();
-        search_rows(&head, self.options.require, before, pool, result, &self.named.plans)
+        search_rows(&head, &self.options, before, pool, result, &self.named.plans)
     }
 }
 

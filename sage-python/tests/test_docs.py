@@ -20,6 +20,33 @@ from support import COMMAND, REPOSITORY, InFolder, needs, procedural
 EXAMPLES = REPOSITORY / "examples" / "python"
 
 
+def signature(value):
+    try:
+        return str(inspect.signature(value)).replace("($self, ", "(").replace("($self)", "()")
+    except (TypeError, ValueError):
+        return ""
+
+
+def reference():
+    """All names of the module with their signatures and docstrings, as a page."""
+    lines = ["# Python", "", "All names of `advsage`, with keywords and defaults. How they are used is on the [page of Python](../python.md).", ""]
+    lines += ["<!-- Made by `SAGE_UPDATE=1 sage-python/check`. -->", ""]
+    for name in sorted(sage.__all__):
+        value = getattr(sage, name)
+        if not callable(value):
+            continue
+        lines += [f"## {name}", "", f"`{name}{signature(value)}`", "", inspect.getdoc(value) or "", ""]
+        if not isinstance(value, type) or issubclass(value, BaseException):
+            continue
+        for member, thing in sorted(vars(value).items()):
+            if not member.startswith("_"):
+                call = signature(thing) if callable(thing) else ""
+                first = (inspect.getdoc(thing) or "").split("\n\n")[0].replace("\n", " ")
+                lines += [f"- `{member}{call}`: {first}"]
+        lines += [""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
 class Documents(InFolder):
     def setUp(self):
         super().setUp()
@@ -41,6 +68,14 @@ class Documents(InFolder):
             # What the page shows as printed is what is printed.
             for shown in re.findall(r"print\(.*\) +# (<.*>)$", block, re.MULTILINE):
                 self.assertIn(shown, printed.getvalue())
+
+    def test_the_reference(self):
+        page = REPOSITORY / "docs" / "reference" / "python.md"
+        text = reference()
+        if os.environ.get("SAGE_UPDATE"):
+            page.parent.mkdir(exist_ok=True)
+            page.write_text(text)
+        self.assertTrue(page.exists() and page.read_text() == text, f"out of date: {page}; SAGE_UPDATE=1 writes it")
 
     def test_every_name_has_a_docstring(self):
         for name in sage.__all__:

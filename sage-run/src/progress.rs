@@ -1,5 +1,5 @@
-//! Progress on stderr. On a terminal it is a line that is updated; otherwise only the summary at the end is
-//! printed.
+//! Progress on stderr. On a terminal it is a line that is updated; otherwise a line every two minutes, and the summary at
+//! the end.
 
 use std::{
     collections::BTreeSet,
@@ -15,6 +15,9 @@ use crate::terminal;
 
 /// Minimum time between two updates.
 const INTERVAL: Duration = Duration::from_millis(200);
+
+/// The same where a line that is updated cannot be shown.
+const LOG_INTERVAL: Duration = Duration::from_secs(120);
 
 /// Most characters of a message: a text may quote what a stranger wrote.
 const LONGEST_LINE: usize = 2000;
@@ -100,11 +103,13 @@ impl Progress {
     }
 
     fn show(&mut self) {
-        if !self.terminal || self.shown.is_some_and(|shown| shown.elapsed() < INTERVAL) {
+        let interval = if self.terminal { INTERVAL } else { LOG_INTERVAL };
+        let last = if self.terminal { self.shown } else { Some(self.shown.unwrap_or(self.start)) };
+        if last.is_some_and(|last| last.elapsed() < interval) {
             return;
         }
         let Self { verb, done, .. } = self;
-        let _ = match self.total {
+        let text = match self.total {
             Some(total) => {
                 // The first items of all threads end nearly together, so each alone would say too much.
                 let worked = *done - self.found;
@@ -113,10 +118,15 @@ impl Progress {
                     true => format!(", about {:.0} s left", seconds * total.saturating_sub(*done) as f64),
                     false => String::new(),
                 };
-                write!(std::io::stderr(), "\r{verb} {done} of {total}{left}   ")
+                format!("{verb} {done} of {total}{left}")
             }
-            None => write!(std::io::stderr(), "\r{verb} {done}   "),
+            None => format!("{verb} {done}"),
         };
+        if self.terminal {
+            let _ = write!(std::io::stderr(), "\r{text}   ");
+        } else {
+            say(&text);
+        }
         self.shown = Some(Instant::now());
     }
 
@@ -135,7 +145,7 @@ impl Progress {
     /// Removes the progress line from the terminal, so that other text can be printed. The next step prints
     /// it again.
     pub fn clear(&mut self) {
-        if self.shown.take().is_some() {
+        if self.terminal && self.shown.take().is_some() {
             let _ = write!(std::io::stderr(), "\r{:60}\r", "");
         }
     }

@@ -9,7 +9,10 @@ use sage_core::{
 };
 use sage_sim::{
     reference::Answer,
-    search::{Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement, SearchResult},
+    search::{
+        Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement, SearchOptions,
+        SearchResult,
+    },
 };
 use serde::{Deserialize, Serialize};
 
@@ -68,6 +71,8 @@ pub struct SceneRow {
     pub plans: PlanCounts,
     /// Attacked drives.
     pub drives: usize,
+    /// Largest number of attacked drives.
+    pub budget: usize,
     /// Drives in which the driver gave an error.
     pub errors: usize,
     /// Drives by the clauses that they meet, each with the ones before it.
@@ -189,7 +194,7 @@ impl SceneRow {
     /// The row of a search; `source` finds the source of a plan.
     pub fn new<'k>(
         head: RowHead,
-        require: Requirement,
+        options: &SearchOptions,
         pool: &Pool,
         result: &SearchResult,
         source: impl Fn(usize) -> Option<&'k RowKey>,
@@ -218,9 +223,10 @@ impl SceneRow {
         }
         Self {
             files: Vec::new(),
-            require,
+            require: options.require,
             plans: PlanCounts { counts: pool.counts, in_pool: pool.plans.len() },
             drives: result.driven.len(),
+            budget: options.budget,
             errors: result.driven.iter().filter(|evaluated| evaluated.error.is_some()).count(),
             attacks: result.count(Clause::Attack),
             believable: result.count(Clause::Believable),
@@ -264,6 +270,11 @@ impl SceneRow {
     /// Box centre and heading of the ego in the unattacked drive.
     pub fn unattacked_path(&self) -> &[[f64; 3]] {
         &self.unattacked_path
+    }
+
+    /// Whether a search with a budget would find nothing else: it had as many drives, or ended before its own budget.
+    pub fn covers(&self, budget: usize) -> bool {
+        self.budget >= budget || self.drives < self.budget
     }
 
     /// Number of failures.

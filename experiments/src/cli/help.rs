@@ -2,6 +2,8 @@
 
 use clap::{Arg, ArgAction, Command, builder::StyledStr};
 
+use super::brief_help;
+
 /// Headings of the sections of options.
 pub(super) const SCENE: &str = "Scene";
 pub(super) const DRIVER: &str = "Driver";
@@ -87,7 +89,7 @@ fn groups(command: &Command) -> StyledStr {
 /// A command, and all commands under it, with the options in sections if they are more than a few.
 fn in_sections(command: Command, threads: Option<&Arg>) -> Command {
     let command = command.mut_subcommands(|sub| in_sections(sub, threads));
-    let help = help_option(&command);
+    let help = std::iter::once(help_option(&command)).chain(brief_help::option(&command));
     let mut args: Vec<Arg> = command.get_arguments().cloned().collect();
     let has_sections = args.iter().filter(|arg| !arg.is_positional()).count() > FEW;
     let has_threads = args.iter().any(|arg| arg.get_id() == THREADS);
@@ -98,7 +100,7 @@ fn in_sections(command: Command, threads: Option<&Arg>) -> Command {
         let arg = args.next().unwrap_or(arg);
         if has_sections { arg } else { arg.help_heading(None::<&str>) }
     });
-    let common = threads.filter(|_| !has_threads).cloned().into_iter().chain([help]);
+    let common = threads.filter(|_| !has_threads).cloned().into_iter().chain(help);
     let section = has_sections.then_some(RUN);
     command.disable_help_flag(true).args(common.map(|arg| arg.help_heading(section)))
 }
@@ -163,9 +165,9 @@ mod tests {
         for (words, command) in all() {
             let args = command.get_arguments().filter(|arg| !arg.is_positional());
             let (common, own): (Vec<&Arg>, Vec<&Arg>) =
-                args.partition(|arg| arg.get_id() == THREADS || arg.get_id() == "help");
+                args.partition(|arg| ["help", "help_all", THREADS].contains(&arg.get_id().as_str()));
             let has_sections = own.len() > FEW;
-            assert_eq!(common.len(), 2, "{words}");
+            assert!(matches!(common.len(), 2 | 3), "{words}");
             for arg in common.into_iter().chain(own) {
                 let heading = arg.get_help_heading();
                 let is_known = heading.is_some_and(|heading| HEADINGS.contains(&heading));

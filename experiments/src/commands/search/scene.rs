@@ -26,6 +26,7 @@ use sage_run::{
 };
 use sage_sim::{
     SimScene,
+    policy::{StepTimes, Timed},
     search::{Pool, Reason, SearchResult},
     vehicle::Motion,
 };
@@ -49,7 +50,8 @@ impl SceneJob for Searcher<'_> {
     }
 
     fn found(&self, _number: usize, path: &Path) -> Option<FoundRow> {
-        let row = SceneRow::read(path)?;
+        // Another --budget continues the run: with a smaller one the row stays.
+        let row = SceneRow::read(path).filter(|row| row.covers(self.options.budget))?;
         Some(FoundRow { line: row.line(None), source_hash: row.head.source_hash, files: row.files })
     }
 
@@ -78,8 +80,12 @@ impl OneScene<'_> {
         let scene = Arc::new(recording.scene.clone().with_roles(None, args.attack.adversary.as_deref())?);
         let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
         let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
+        let times = Arc::new(StepTimes::default());
+        let policy = Timed::new(&*searcher.ego.policy, times.clone());
         let drives = |scene: &_| {
-            let test = searcher.ego.test(scene, args.attack.generator.seed);
+            let clock = Instant::now();
+            let test = searcher.ego.test_of(&policy, scene, args.attack.generator.seed);
+            searcher.estimate.tell(&searcher.ego.label, args.budget, clock.elapsed());
             test.map_err(|error| advsage::Error::from(error).within(failed()))
         };
         let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
@@ -100,7 +106,7 @@ impl OneScene<'_> {
             adversary: ctx.adversary().id.clone(),
         };
         let source = |number| searcher.plans().source(number);
-        let mut row = SceneRow::new(head, searcher.options.require, &pool, &result, source);
+        let mut row = SceneRow::new(head, &searcher.options, &pool, &result, source);
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
         let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
         row.unattacked_path = shown_part(test.unattacked()).iter().map(pose).collect();
@@ -125,7 +131,7 @@ impl OneScene<'_> {
             text: row.line(Some(seconds)),
             row: row_file(self.name),
             seconds: Some(seconds),
-            step_ms: None,
+            step_ms: times.mean(),
         };
         Ok(SceneReport {
             lines: vec![line],

@@ -17,10 +17,15 @@ use sage_run::{
     output::{self, Producer},
     progress,
 };
-use sage_sim::{fault::FaultRule, search::SearchOptions};
+use sage_sim::{
+    avoidable::AvoidanceOptions,
+    fault::FaultRule,
+    search::{Order, Requirement, SearchOptions},
+};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
+use super::estimate::Estimate;
 use crate::cli::SearchArgs;
 
 /// What identifies a search.
@@ -34,7 +39,7 @@ struct Identity<'a> {
     selection: &'a ObjectiveSpec,
     feasibility: &'a PartSpec,
     merger: String,
-    search: SearchOptions,
+    search: SearchIdentity,
     plans: usize,
     adversary: Option<&'a str>,
     seed: u64,
@@ -51,12 +56,29 @@ struct Identity<'a> {
     reading: Option<ReadOptions>,
 }
 
+/// The options of a search but its budget: a run may be continued with another one.
+#[derive(Serialize)]
+struct SearchIdentity {
+    require: Requirement,
+    first: bool,
+    order: Order,
+    avoidable: AvoidanceOptions,
+}
+
+impl SearchIdentity {
+    fn of(SearchOptions { budget: _, require, first, order, avoidable }: SearchOptions) -> Self {
+        Self { require, first, order, avoidable }
+    }
+}
+
 /// What searches all scenes.
 pub(super) struct Searcher<'a> {
     pub(super) args: &'a SearchArgs,
     /// The driver under test.
     pub(super) ego: Ego,
     pub(super) options: SearchOptions,
+    /// How long it takes.
+    pub(super) estimate: Estimate,
     named: NamedSearch,
 }
 
@@ -87,7 +109,7 @@ impl<'a> Searcher<'a> {
             order: args.order.0,
             avoidable: args.avoidable.options().unwrap_or_default(),
         };
-        Ok(Self { args, ego, options, named })
+        Ok(Self { args, ego, options, estimate: Estimate::default(), named })
     }
 
     /// Its rule decides which plans are feasible.
@@ -132,7 +154,7 @@ impl<'a> Searcher<'a> {
             selection: self.named.selection.objective.spec(),
             feasibility: &self.named.rule.objective.spec().feasibility,
             merger: generator.merger.to_string(),
-            search: self.options,
+            search: SearchIdentity::of(self.options),
             plans: args.plans,
             adversary: args.attack.adversary.as_deref(),
             seed: generator.seed,

@@ -287,7 +287,8 @@ impl SceneDrives<'_> {
             let Some((_, variant, file)) = of_ego.nth(driven.variant) else { continue };
             match &driven.result {
                 DriveResult::Driven(_, row) => {
-                    let text = format!("{} ({:.0} ms)", row.line(variant), 1e3 * seconds);
+                    let time = driven.step_ms.map(|ms| format!(" ({ms:.3} ms a step)"));
+                    let text = row.line(variant) + &time.unwrap_or_default();
                     all.push((file.clone(), serde_json::to_vec(row)?));
                     let (row, step_ms) = (file.clone(), driven.step_ms);
                     lines.push(Line { text, row, seconds: Some(seconds), step_ms });

@@ -1,4 +1,4 @@
-"""What Python costs beside the libraries, for `docs/results/python.md`.
+"""What Python costs beside the libraries, for `docs/results/engineering.md`.
 
     SAGE_COMMAND=target/release/sage python3 sage-python/measure.py [FOLDER OF SCENES]
 

@@ -15,7 +15,7 @@ A planner has `act(obs)` and may have `reset(scene, seed)`, which is called befo
   y to the left), the first 0.1 s ahead and one every 0.1 s (`obs.to_car(x, y)` takes a point of the scene there); or
 - a dict as the protocol has it, such as `{"acceleration": 1.0, "steering_angle": 0.02}` or `{"plan": rows, "again": 5}`.
 
-Units: metres, seconds, radians; positions in the frame of the scene. `docs/your-own-planner.md` describes all fields.
+Units: metres, seconds, radians; positions in the frame of the scene. `docs/testing-a-driver.md` describes all fields.
 """
 
 import json

@@ -116,7 +116,7 @@ fn anchors(text: &str) -> HashSet<String> {
 #[test]
 fn links_within_the_project_lead_to_files_and_headings() {
     let all = files(&[".md"]);
-    assert!(all.len() > 30, "{} pages", all.len());
+    assert!(all.len() > 25, "{} pages", all.len());
     let mut broken = Vec::new();
     for page in &all {
         let text = fs::read_to_string(page).unwrap();
@@ -263,51 +263,58 @@ fn the_template_depends_on_the_crates_that_it_uses() {
     assert_eq!(read("examples/own-crate/Cargo.toml"), manifest(&template_sources(), "../.."));
 }
 
-/// Whether the lines of a block stand in a source, in their order.
-fn stands_in(block: &str, source: &str) -> bool {
-    let mut lines = source.lines();
-    block.lines().all(|line| lines.any(|other| other == line))
-}
-
 #[test]
-fn pages_about_own_parts_show_the_manifest_and_code_that_compile() {
-    let pages: Vec<PathBuf> =
-        files(&[".md"]).into_iter().filter(|path| name(path).starts_with("docs/adding-")).collect();
-    assert_eq!(pages.len(), 8);
-    for page in pages {
-        let text = fs::read_to_string(&page).unwrap();
-        let page = name(&page);
-        // The page of metrics shows files of the template, and the others an example.
-        let example = text.split_once("`src/main.rs` is [`").map(|(_, rest)| rest.split_once('`').unwrap().0);
-        let sources = match example {
-            Some(file) => vec![read(&format!("experiments/examples/{file}"))],
-            None => {
-                ["metric", "main"].map(|file| read(&format!("examples/own-crate/src/{file}.rs"))).to_vec()
-            }
+fn the_page_about_own_parts_shows_the_manifest_and_code_that_compile() {
+    let text = read("docs/extending.md");
+    assert_eq!(fences(&text, "toml"), [manifest(&template_sources(), "/path/to/sage")]);
+    let blocks = fences(&text, "rust");
+    assert_eq!(blocks.len(), 1);
+    assert!(blocks[0].starts_with("fn main() -> ExitCode {\n    experiments::run"));
+    let template_main = read("examples/own-crate/src/main.rs");
+    assert!(template_main.contains(&blocks[0]));
+    let template = template_sources();
+    let (before, _) = text.split_once("\n## What all parts share").unwrap();
+    let mut shown = BTreeSet::new();
+    for row in text.lines().filter(|line| line.starts_with("| [")) {
+        let cells: Vec<Vec<&str>> =
+            row.split('|').map(|cell| cell.split('`').skip(1).step_by(2).collect()).collect();
+        let [_, _, traits, example, registry, uses, _] = &cells[..] else { panic!("{row}") };
+        let file = example[0];
+        let source = if file.starts_with("own_") {
+            read(&format!("experiments/examples/{file}"))
+        } else {
+            read(&format!("examples/own-crate/src/{file}")) + &template_main
         };
-        assert_eq!(fences(&text, "toml"), [manifest(&sources.concat(), "/path/to/sage")], "{page}");
-        let blocks = fences(&text, "rust");
-        assert_eq!(blocks.len(), sources.len(), "{page}");
-        for (block, source) in blocks.iter().zip(&sources) {
-            assert!(stands_in(block, source), "{page}:\n{block}");
+        for name in traits {
+            let is_there =
+                source.contains(&format!("impl {name} for ")) || source.contains(&format!("-> {name}<"));
+            assert!(is_there, "{file}: no `{name}`");
         }
-        assert!(blocks.last().unwrap().contains("fn main() -> ExitCode {\n    experiments::run"), "{page}");
+        let registry = registry[0];
+        assert!(
+            source.contains(&format!("        registries.{registry} = registries.{registry}.with")),
+            "{file}: no line for `{registry}`"
+        );
+        for name in crates_of(&source).difference(&crates_of(&template)) {
+            let name = name.replace("sage_", "sage-");
+            assert!(before.contains(&format!("`{name}`")), "{file}: the page does not name `{name}`");
+        }
+        for command in uses {
+            let (flags, words): (Vec<&str>, Vec<&str>) =
+                command.split(' ').partition(|word| word.starts_with("--"));
+            let help = whole_help(&words);
+            for flag in flags {
+                assert!(help.contains(&format!("{flag} ")), "`{command}`: no option `{flag}`");
+            }
+        }
+        shown.insert(file.to_owned());
     }
-}
-
-#[test]
-fn lines_of_registration_in_pages_are_lines_of_examples() {
-    let examples: String = files(&[".rs"])
-        .into_iter()
-        .filter(|path| name(path).contains("examples/own"))
-        .map(|path| fs::read_to_string(path).unwrap())
+    let examples = files(&[".rs"]).into_iter().filter(|path| name(path).contains("examples/own_"));
+    let missing: Vec<String> = examples
+        .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
+        .filter(|file| file != "own_study.rs" && !shown.contains(file))
         .collect();
-    for page in files(&[".md"]).into_iter().filter(|path| name(path) != "CHANGELOG.md") {
-        let text = fs::read_to_string(&page).unwrap();
-        for code in text.split('`').filter(|code| code.starts_with("registries.") && code.contains(" = ")) {
-            assert!(examples.contains(&format!("        {code};\n")), "{}: {code}", name(&page));
-        }
-    }
+    assert!(missing.is_empty() && shown.len() >= 10, "{missing:?} {shown:?}");
 }
 
 #[test]
@@ -321,7 +328,7 @@ fn the_map_of_the_scenario_has_the_name_that_the_guide_shows() {
     let generate =
         ["generate", &scene, "--aggression", "1", "--format", "openscenario", "--out", text(&scenario)];
     stdout(&sage(&[&generate[..], &WEIGHTS].concat()));
-    let page = read("docs/waymo-and-simulators.md");
+    let page = read("docs/scenes.md");
     let names = fs::read_dir(&scenario).unwrap().map(|file| file.unwrap().file_name().into_string().unwrap());
     for file in names.filter(|name| name.ends_with(".xosc") || name.ends_with(".xodr")) {
         // The hash in the name of a map has its last bits from the processor.
@@ -345,9 +352,9 @@ fn code_spans(text: &str) -> Vec<String> {
 
 #[test]
 fn what_the_page_on_the_paper_names_exists() {
-    let spans = code_spans(&read("docs/paper.md"));
-    let help = |words: &[&str]| stdout(&sage(&[words, &["--help"]].concat())).to_owned();
-    let commands = help(&[]);
+    let page = read("docs/benchmarks.md");
+    let spans = code_spans(page.split_once("\n## The paper, item by item").unwrap().1);
+    let commands = whole_help(&[]);
     let studies = stdout(&sage(&["bench", "list"])).to_owned();
     let sources: String =
         files(&[".yaml", ".rs"]).iter().map(|file| fs::read_to_string(file).unwrap()).collect();
@@ -364,7 +371,7 @@ fn what_the_page_on_the_paper_names_exists() {
             let flags = words.iter().filter(|word| word.starts_with("--"));
             let flags: Vec<&str> = flags.copied().collect();
             if !flags.is_empty() {
-                let help = help(parts);
+                let help = whole_help(parts);
                 for flag in flags {
                     assert!(help.contains(&format!("{flag} ")), "`{span}`: no option `{flag}`");
                 }
@@ -380,5 +387,5 @@ fn what_the_page_on_the_paper_names_exists() {
             assert!(is_made, "`{span}`: no such picture");
         }
     }
-    assert!(named > 40 && seen.len() > 8, "{named} {seen:?}");
+    assert!(named > 30 && seen.len() > 8, "{named} {seen:?}");
 }

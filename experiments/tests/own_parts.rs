@@ -1,4 +1,4 @@
-//! Parts from outside, as `docs/adding-a-*.md` describe them: each example program does the whole of it.
+//! Parts from outside, as `docs/extending.md` describes them: each example program does the whole of it.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 

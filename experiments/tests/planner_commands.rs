@@ -49,7 +49,7 @@ const PLANNER: &str = "cmd:python3 planner.py";
 
 /// The planner of the README, which is that of the page about planners.
 fn documented() -> String {
-    let [readme, page] = ["README.md", "docs/your-own-planner.md"].map(|name| {
+    let [readme, page] = ["README.md", "docs/testing-a-driver.md"].map(|name| {
         let text = fs::read_to_string(of_project(name)).unwrap();
         let (_, rest) = text.split_once("```python\n").unwrap();
         rest.split_once("```").unwrap().0.to_owned()

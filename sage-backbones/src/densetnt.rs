@@ -1,7 +1,7 @@
 //! DenseTNT (Gu et al., 2021): dense goals are scored, and each decodes to a trajectory.
 //!
 //! Polylines are encoded and mixed by attention. Goals attend to the resulting states. The published network
-//! and ours have the same modules in two arrangements; `docs/backbones.md` explains the differences.
+//! and ours have the same modules in two arrangements; `docs/method.md` explains the differences.
 
 mod head;
 mod scorer;

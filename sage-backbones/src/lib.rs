@@ -8,7 +8,7 @@
 //! - [`prediction::predict`] selects candidates; [`training::pretrain`] trains a prior and
 //!   [`training::finetune`] an expert.
 //!
-//! Scenes run in parallel, each on one thread. `docs/backbones.md` says how to limit candle's threads and
+//! Scenes run in parallel, each on one thread. `docs/extending.md` says how to limit candle's threads and
 //! explains the design of the networks.
 //!
 //! ```

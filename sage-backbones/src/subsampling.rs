@@ -13,7 +13,7 @@ const EGO_GOAL_RADIUS: f32 = 10.0;
 const FEWEST_EGO_GOALS: usize = 64;
 
 /// Map and goal subsampling. Attacks use the default; training and expectations use [`Subsampling::NONE`].
-/// `docs/results/subsampling.md` has the measurement behind the default.
+/// `docs/results/attacks.md` has the measurement behind the default.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Subsampling {

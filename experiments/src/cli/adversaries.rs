@@ -90,7 +90,7 @@ pub(crate) struct TrainGooseArgs {
     pub ego: DriverSpec,
     #[command(flatten)]
     pub planner: PlannerArgs,
-    /// Options of training as JSON (docs/method.md, section 'GOOSE'), such as '{"decisions": 24000, "networks": {"unscaled": true}}'.
+    /// Options of training as JSON (docs/training.md, section 'Adversaries'), such as '{"decisions": 24000, "networks": {"unscaled": true}}'.
     #[arg(long, help_heading = TRAINING, value_name = "JSON", default_value = "{}")]
     pub options: String,
     /// Seed of drives, exploration, training order and procedural scenes.

@@ -34,7 +34,8 @@ use super::{
 /// `adv-traj-opt` and `rule` plan anew against the newest drive.
 ///
 /// The output folder holds a JSON row and a picture per scene, a JSON file of all its drives, and for each failure a row and the
-/// files of the attacked scene, as `sage generate` writes them. `docs/searching.md` describes all files. Scenes run in parallel; the same command resumes an interrupted run.
+/// files of the attacked scene, as `sage generate` writes them. `docs/testing-a-driver.md`, section 'What a search writes', describes
+/// all files. Scenes run in parallel; the same command resumes an interrupted run, and another --budget continues one.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

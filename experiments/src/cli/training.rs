@@ -116,7 +116,7 @@ pub(crate) struct TrainEgoArgs {
     #[arg(long, help_heading = TRAINING, value_name = "N", default_value_t = 20)]
     pub evaluations: u64,
     /// Rare options: a YAML file or JSON, such as '{"max_steps": 251, "td3": {"gamma": 0.98, "random_steps": 5000}}'.
-    /// `docs/training-a-driver.md` lists them.
+    /// `docs/training.md` lists them.
     #[arg(long, help_heading = TRAINING, value_name = "FILE|JSON", default_value = "{}")]
     pub config: String,
     /// Steps between two checkpoints (default: 5000 for td3, 200000 for ppo).

@@ -157,7 +157,7 @@ def _of_generate(engine: argparse.ArgumentParser) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m advsage.jobs",
         description=(__doc__ or "").split("\n\n")[0],
-        epilog="docs/generating.md describes the options.",
+        epilog="docs/reference/commands.md describes the options.",
         parents=[engine],
         allow_abbrev=False,
     )

@@ -1,5 +1,5 @@
 //! What every planner of somebody else is told and may answer, whether it is a program ([`super::Process`]) or an object of the
-//! process that hosts this library. `docs/your-own-planner.md` describes all fields.
+//! process that hosts this library. `docs/testing-a-driver.md` describes all fields.
 //!
 //! One struct is the message of the protocol and the fields in process, so the same planner drives the same bits.
 

@@ -1,6 +1,6 @@
 //! Somebody's own planner: a program in any language, which is asked over its standard input and output.
 //!
-//! `docs/your-own-planner.md` describes the protocol: lines of JSON. The program is started once for each worker of a
+//! `docs/testing-a-driver.md` describes the protocol: lines of JSON. The program is started once for each worker of a
 //! run, and told the scene before each drive. A program that dies, hangs or answers nonsense fails its drive
 //! ([`Error::Planner`]); the next drive gets a new one.
 //!

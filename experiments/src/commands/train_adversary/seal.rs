@@ -75,7 +75,7 @@ struct TrainingOptions {
 impl Default for TrainingOptions {
     fn default() -> Self {
         let hidden = SealOptions::default().hidden;
-        // Ten times the published rate for a seventh of its epochs: the actions are explained as well (docs/results/seal.md).
+        // Ten times the published rate for a seventh of its epochs: the actions are explained as well (docs/results/baselines.md).
         let skills =
             SkillOptions { epochs: 14, rate: 1e-3, plateau: 3, cooldown: 2, ..SkillOptions::default() };
         let prior = PriorOptions { patience: Some(PRIOR_PATIENCE), ..PriorOptions::default() };

@@ -13,7 +13,7 @@ const MOST_DECISIONS: u64 = 200_000;
 const MOST_ROLES: usize = 32;
 
 /// Options of the training. Published are 12 000 decisions, a discount of 0.99, a buffer of 100 000, no other roles and no mirror
-/// images (docs/results/goose.md).
+/// images (docs/results/baselines.md).
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(super) struct TrainingOptions {

@@ -263,6 +263,13 @@ fn the_template_depends_on_the_crates_that_it_uses() {
     assert_eq!(read("examples/own-crate/Cargo.toml"), manifest(&template_sources(), "../.."));
 }
 
+/// The help text of a command with all options.
+fn whole_help(words: &[&str]) -> String {
+    let all = sage(&[words, &["--help-all"]].concat());
+    let help = if all.status.success() { all } else { sage(&[words, &["--help"]].concat()) };
+    stdout(&help).to_owned()
+}
+
 #[test]
 fn the_page_about_own_parts_shows_the_manifest_and_code_that_compile() {
     let text = read("docs/extending.md");

@@ -113,7 +113,7 @@ fn formats() {
 }
 
 /// Constants that limit what is read or made, by the file that has them.
-const LIMITS: [(&str, &[&str]); 22] = [
+const LIMITS: [(&str, &[&str]); 24] = [
     ("sage-data/src/recording.rs", &["MAX_SCENE_FILE"]),
     ("sage-data/src/folder.rs", &["MAX_LEVELS"]),
     ("sage-data/src/split.rs", &["LIMIT"]),
@@ -128,6 +128,8 @@ const LIMITS: [(&str, &[&str]); 22] = [
     ("sage-core/src/motion/path_limits.rs", &["MAX_STEP", "MAX_PATH"]),
     ("sage-core/src/objective/spec.rs", &["MOST_TERMS", "MAX_WEIGHT"]),
     ("sage-backbones/src/parameters/file.rs", &["LIMIT", "HEADER_LIMIT"]),
+    ("sage-sim/src/actor/policy_file.rs", &["MAX_POLICY_FILE"]),
+    ("sage-sim/src/policy/path.rs", &["MAX_DRIVES"]),
     ("sage-learn/src/checkpoint.rs", &["MAX_CHECKPOINT"]),
     ("advsage/src/operating_point.rs", &["MOST_VALUES"]),
     ("sage-run/src/input.rs", &["CONFIG_LIMIT"]),

@@ -237,9 +237,9 @@ impl DriveRow {
     pub fn note(&self) -> String {
         let Some(attack) = &self.attack else { return String::new() };
         let planned = match (attack.planned_contact, attack.feasible) {
-            (None, _) => "it would not touch the ego there",
-            (Some(_), false) => "it would hit the ego there, but is not feasible",
-            (Some(_), true) => "it would hit the ego there",
+            (None, _) => "the plan would not touch the ego",
+            (Some(_), false) => "the plan would hit the ego, but is not feasible",
+            (Some(_), true) => "the plan would hit the ego",
         };
         let believable = verdict(attack.believable, &attack.unbelievable)
             .map_or(String::new(), |words| format!(" In the attacked drive it is {words}."));
@@ -255,9 +255,7 @@ impl DriveRow {
         let before = attack.unattacked_contact.map_or(String::new(), |step| {
             format!(" Without the attack this driver has a contact {}.", time(step))
         });
-        format!(
-            "Planned against this driver's drive without the attack: {planned}.{believable}{evasion}{before}"
-        )
+        format!("Beside this driver's drive without the attack, {planned}.{believable}{evasion}{before}")
     }
 
     /// The printed line; `variant` names attack and operating point.

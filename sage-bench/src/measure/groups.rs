@@ -105,7 +105,14 @@ impl Group {
         let has_several = arms.iter().any(|arm| *arm != arms[0]);
         let mergers: Vec<Part> =
             study.merger.iter().map(|text| text.parse().map_err(Error::Value)).collect::<Result<_>>()?;
-        require(!mergers.is_empty() && !named.is_empty(), || "`merger` and `weights` must name something")?;
+        require(
+            !mergers.is_empty(),
+            || "`merger` of the study is empty; expected a name, such as `merger: linear`",
+        )?;
+        require(
+            !named.is_empty(),
+            || "`weights` of the study is empty; expected a name, such as `weights: procedural`",
+        )?;
         let mut groups = Vec::new();
         for (k, (arm, folder)) in named.iter().enumerate() {
             let experts = source.experts(folder)?;

@@ -157,7 +157,9 @@ fn order(scene: &Scene, attacker: Option<&str>, notes: &mut Notes) -> Vec<usize>
     if order.len() > OBJECTS {
         note(
             notes,
-            format!("scenes of more than {OBJECTS} road users, of which readers take the first {OBJECTS}"),
+            format!(
+                "scenes of more than {OBJECTS} road users, of which readers take the first {OBJECTS} (ego and adversary are objects 0 and 1)"
+            ),
         );
     }
     order

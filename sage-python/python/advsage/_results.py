@@ -18,6 +18,14 @@ Result = TypeVar("Result")
 Errors = dict[str, Exception]
 
 
+def _pandas() -> Any:
+    try:
+        import pandas  # type: ignore[import-untyped,unused-ignore]
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError("to_pandas() needs pandas: pip install pandas; the results are still here, and `row` of each holds the same values") from error
+    return pandas
+
+
 class Failure:
     """A plan of the adversary that a driver fails at.
 
@@ -68,7 +76,7 @@ class Failures(Sequence[Failure]):
 
     def to_pandas(self) -> Any:
         """A frame with a row for each failure; needs pandas."""
-        import pandas  # type: ignore[import-untyped,unused-ignore]
+        pandas = _pandas()
 
         def row(failure: Failure) -> dict[str, Any]:
             plan, contact, clauses = failure.row["plan"], failure.row["contact"], failure.row["clauses"]
@@ -78,7 +86,7 @@ class Failures(Sequence[Failure]):
                 "adversary": failure.row["adversary"],
                 "drive": failure.row["drive"],
                 "method": plan["method"],
-                "lambda": plan["lambda"],
+                "lambda": None if plan["method"] == "random" else plan["lambda"],
                 "contact_after": failure.contact_after,
                 "impact_speed": contact["impact_speed"],
                 "overlap": contact["overlap"],
@@ -212,7 +220,7 @@ class Stress(Sequence[_advsage.Episode]):
 
     def to_pandas(self) -> Any:
         """A frame with a row for each scene; needs pandas."""
-        import pandas  # type: ignore[import-untyped,unused-ignore]
+        pandas = _pandas()
 
         def row(episode: _advsage.Episode) -> dict[str, Any]:
             first = episode.contacts[0] if episode.end == "contact" else {}

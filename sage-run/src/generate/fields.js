@@ -1,6 +1,10 @@
 // What the page of a data set lists: attacks. Comes before list.js in one script.
 function fields() {
   const number = (digits, unit) => (value) => measured(value, digits, unit);
+  // The first setting that attacks. A scene that the lowest one attacks says nothing of the dial, so it comes behind.
+  const isAttack = (f, variant) => items[ofScene.get(f.scene)?.get(variant)]?.is_attack;
+  const needed = (f) => { const first = variants.findIndex((_, variant) => isAttack(f, variant)); return first < 0 ? NaN : first || variants.length; };
+  if (variants.length > 1) items.forEach((f) => { f.needed = needed(f); });
   return {
     label: "Attacked scenes",
     across: 60, // metres across a thumbnail, at least: enough to see what kind of place it is
@@ -8,7 +12,7 @@ function fields() {
     facets: [["outcome", "Outcome"], ["avoidable", "Evasive manoeuvre", answer("exists, knowing the plan", "none found")], ["prevented_by_r157", "UN R157 driver", answer("prevents it", "does not")]],
     groups: { key: "outcome", title: "What came of the attacks" },
     ranges: [["contact_after", "Contact after, s", 1, "and without contact"], ["latest_start", "Latest start, s", 1, "and not measured"]],
-    sorts: [["scene", "scene"], ["reward", "reward"], ["contact_after", "contact after"], ["impact", "impact speed"], ["latest_start", "latest start"], ["realism", "P_real"], ["outcome", "outcome"]],
+    sorts: [...(variants.length > 1 ? [["needed", "setting that attacks"]] : []), ["scene", "scene"], ["reward", "reward"], ["contact_after", "contact after"], ["impact", "impact speed"], ["latest_start", "latest start"], ["realism", "P_real"], ["outcome", "outcome"]],
     count: (shown) => `${shown} of ${counted(scenes.length, "scene", "scenes")} shown`,
     head: (f) => [`adversary ${words(f.adversary_id)}`, ""],
     values: (f) => [

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use advsage::rows::drive::DriveRow;
 use anyhow::Result;
-use sage_run::{output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
+use sage_run::{output::Folder, progress::count, scene_queue::Input, terminal::escaped_html as escaped};
 use sage_view::html_page::link;
 
 use super::{Job, scene::page_file};
@@ -13,7 +13,7 @@ use super::{Job, scene::page_file};
 pub(super) const FILE: &str = "index.html";
 
 const HEAD: &str = "<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\"><title>sage simulate</title>
-<style>body{font:14px/1.4 system-ui,sans-serif;margin:1.5em;color:#222}table{border-collapse:collapse}td,th{border-bottom:1px solid #ddd;padding:3px 10px;overflow-wrap:anywhere;text-align:left;vertical-align:top}th{position:sticky;top:0;background:#fff}.hit{color:#b00020;font-weight:600}@media(max-width:640px){body{margin:.6em}td,th{padding:3px 4px}}</style>
+<style>body{font:14px/1.4 system-ui,sans-serif;margin:1.5em;color:#222}table{border-collapse:collapse}td,th{border-bottom:1px solid #ddd;padding:3px 10px;overflow-wrap:anywhere;text-align:left;vertical-align:top}th{position:sticky;top:0;background:#fff;white-space:nowrap}.hit{color:#b00020;font-weight:600}@media(max-width:640px){body{margin:.6em}td,th{padding:3px 4px}}</style>
 <h1>Drives</h1>
 ";
 
@@ -24,9 +24,8 @@ pub(super) fn write(folder: &Folder, simulation: &Job, inputs: &[Input], run_has
     if inputs.len() < 2 {
         return Ok(());
     }
-    let mut page = HEAD.to_owned();
-    writeln!(page, "<p>{}</p>", escaped(&simulation.subtitle))?;
-    writeln!(page, "<table><tr><th>scene<th>driver<th>attack<th>result</tr>")?;
+    let (mut drives, mut hits, mut table) = (0, 0, String::new());
+    let has_attack = inputs.iter().any(|input| simulation.files(&input.scene).any(|(_, v, _)| !v.is_empty()));
     for input in inputs {
         let mut is_first = true;
         for (ego, variant, file) in simulation.files(&input.scene) {
@@ -38,14 +37,23 @@ pub(super) fn write(folder: &Folder, simulation: &Job, inputs: &[Input], run_has
                 String::new()
             };
             let is_hit = row.verdict().map_or(!row.contacts.is_empty(), |verdict| verdict.is_attack);
+            (drives, hits) = (drives + 1, hits + usize::from(is_hit));
             let class = if is_hit { " class=hit" } else { "" };
             let (ego, ending) = (escaped(&simulation.egos[ego].label), escaped(&row.ending()));
-            writeln!(page, "<tr><td>{name}<td>{ego}<td>{}<td{class}>{ending}</tr>", escaped(variant))?;
+            let attack = if has_attack { format!("<td>{}", escaped(variant)) } else { String::new() };
+            writeln!(table, "<tr><td>{name}<td>{ego}{attack}<td{class}>{ending}</tr>")?;
         }
         if is_first {
-            writeln!(page, "<tr><td>{}<td><td><td>failed</tr>", escaped(&input.scene))?;
+            let attack = if has_attack { "<td>" } else { "" };
+            writeln!(table, "<tr><td>{}<td>{attack}<td>failed</tr>", escaped(&input.scene))?;
         }
     }
-    page += "</table></html>\n";
+    let (of, what) = (count(drives, "drive"), if has_attack { "an attack" } else { "a contact" });
+    let head = if has_attack { "<th>attack" } else { "" };
+    let page = format!(
+        "{HEAD}<p>{}; {} of {of} with {what}</p>\n<table><tr><th>scene<th>driver{head}<th>result</tr>\n{table}</table></html>\n",
+        escaped(&simulation.subtitle),
+        hits
+    );
     folder.write(FILE, page.as_bytes())
 }

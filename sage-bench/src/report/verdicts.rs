@@ -47,14 +47,14 @@ impl Verdict {
         }
     }
 
-    fn words(self, because: Option<&String>) -> String {
-        match (self, because) {
-            (Self::Reproduced, _) => "reproduced".to_owned(),
-            (Self::Reversed, _) => "reversed".to_owned(),
-            (Self::CannotBeTold, _) => "cannot be told".to_owned(),
-            (Self::Differs, None) => "differs".to_owned(),
-            (Self::Differs, Some(reason)) => format!("differs (possibly: {reason})"),
-        }
+    fn words(self) -> String {
+        let words = match self {
+            Self::Reproduced => "reproduced",
+            Self::Reversed => "reversed",
+            Self::CannotBeTold => "cannot be told",
+            Self::Differs => "differs",
+        };
+        words.to_owned()
     }
 }
 
@@ -157,10 +157,13 @@ fn differences(
             let verdict = Verdict::of_difference(&difference, within);
             let mut row = named(results, method, has);
             row.push(metric.head());
+            // Before the values, because a terminal may have no room for all columns.
+            row.push(verdict.words());
             row.push(cell(metric, Some(own), None));
             row.push(theirs.cell(&metric.name, if is_share { 100.0 } else { 1.0 }));
             row.push(cell(metric, Some(difference), None));
-            row.push(verdict.words(reason(spec, &results.keys[method], &metric.name)));
+            let possibly = reason(spec, &results.keys[method], &metric.name);
+            row.push(possibly.filter(|_| verdict == Verdict::Differs).cloned().unwrap_or_default());
             rows.push(row);
         }
     }
@@ -169,7 +172,7 @@ fn differences(
     }
     let heads = has.of("arm", "generator");
     let names = heads.len();
-    let heads = heads.into_iter().chain(["metric", "ours", "paper", "difference", "verdict"]);
+    let heads = heads.into_iter().chain(["metric", "verdict", "ours", "paper", "difference", "possibly because"]);
     let title = "Ours less the paper's. *Reproduced*: the interval of the difference, with the paper's own error, holds 0 and its half-width is at most that of the study; *cannot be told*: it holds 0 and is wider:";
     Some(Table { title: title.to_owned(), heads: heads.map(str::to_owned).collect(), rows, names })
 }
@@ -210,9 +213,9 @@ fn orderings(
             let mut row = named(results, *method, has);
             row.push(named(results, base, has).pop().unwrap_or_default());
             row.push(metric.head());
+            row.push(Verdict::of_ordering(a - b, &found.estimate).words());
             row.push(cell(metric, Some(found.estimate), None));
             row.push(format!("*{:+}*", (1e4 * scale * (a - b)).round() / 1e4));
-            row.push(Verdict::of_ordering(a - b, &found.estimate).words(None));
             rows.push(row);
         }
     }
@@ -222,7 +225,7 @@ fn orderings(
     let heads = has.of("arm", "generator");
     let names = heads.len();
     let heads =
-        heads.into_iter().chain(["less", "metric", "ours", "paper", "verdict"]).map(str::to_owned).collect();
+        heads.into_iter().chain(["less", "metric", "verdict", "ours", "paper"]).map(str::to_owned).collect();
     let title = "The paper's orderings, where its difference exceeds its own error; ours paired by scene:";
     Some(Table { title: title.to_owned(), heads, rows, names })
 }

@@ -52,8 +52,8 @@ pub(crate) use testing::{FailureReportArgs, Keep, SuiteArgs, TestArgs};
 pub(crate) use theory::TheoryArgs;
 pub(crate) use training::{EgosName, RecipeName, RewardSpec, TrainEgoArgs};
 
-/// Maximum number of procedural scenes that a command generates for training or measurement.
-pub(crate) const MOST_PROCEDURAL: u64 = 100_000;
+pub(crate) use sage_bench::study::MOST_PROCEDURAL;
+
 /// Maximum number of procedural scenes that `sage scenes` writes.
 const MOST_COUNT: u64 = 10_000_000;
 

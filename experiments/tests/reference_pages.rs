@@ -113,7 +113,7 @@ fn formats() {
 }
 
 /// Constants that limit what is read or made, by the file that has them.
-const LIMITS: [(&str, &[&str]); 24] = [
+const LIMITS: [(&str, &[&str]); 25] = [
     ("sage-data/src/recording.rs", &["MAX_SCENE_FILE"]),
     ("sage-data/src/folder.rs", &["MAX_LEVELS"]),
     ("sage-data/src/split.rs", &["LIMIT"]),
@@ -137,7 +137,8 @@ const LIMITS: [(&str, &[&str]); 24] = [
     ("experiments/src/candidates.rs", &["LIMIT"]),
     ("experiments/src/commands/merge/recipe.rs", &["LIMIT", "MOST_MODELS"]),
     ("experiments/src/commands/finetune.rs", &["MOST_PREPARED"]),
-    ("experiments/src/cli.rs", &["MOST_PROCEDURAL", "MOST_COUNT"]),
+    ("sage-bench/src/study.rs", &["MOST_PROCEDURAL", "MOST_UNTRAINED", "MOST_DRIVES"]),
+    ("experiments/src/cli.rs", &["MOST_COUNT"]),
 ];
 
 /// The value of a constant and what is said of it.

@@ -127,6 +127,13 @@ pub struct Study {
     pub report: ReportSpec,
 }
 
+/// Most procedural scenes that a command generates for training or measurement.
+pub const MOST_PROCEDURAL: u64 = 100_000;
+/// Most untrained policies of a study.
+const MOST_UNTRAINED: u64 = 1000;
+/// Most drives of a search in a scene.
+const MOST_DRIVES: u64 = 100_000;
+
 /// A path of the ego that attacks on a driver are planned against.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -235,6 +242,14 @@ impl Study {
     ///
     /// *Errors*: what is missing, or what excludes what.
     pub fn check(&self) -> Result<()> {
+        let counts = [
+            ("procedural", self.procedural, MOST_PROCEDURAL),
+            ("untrained", self.untrained, MOST_UNTRAINED),
+            ("search: budget", self.search.budget as u64, MOST_DRIVES),
+        ];
+        for (field, count, most) in counts {
+            require(count <= most, || format!("`{field}` is {count}; expected at most {most}"))?;
+        }
         require(!self.measure.is_empty(), || format!("`measure` names nothing; known: {}", names()))?;
         for subject in &self.measure {
             require(self.metrics.get(subject).is_some_and(|names| !names.is_empty()), || {

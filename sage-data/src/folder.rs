@@ -30,14 +30,20 @@ const MAX_LEVELS: usize = 64;
 ///
 /// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for a folder without
 /// scenes, [`Error::Field`] for a summary whose names are not file names, [`Error::Shard`] for a shard without
-/// records.
+/// records that is named itself. Such a shard in a folder is listed as a file, which cannot be read.
 pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut scenes = Vec::new();
+    let is_folder = path.is_dir();
     for file in files(path)? {
-        if womd::is_shard(&file) {
-            scenes.extend(womd::record_paths(&file)?);
-        } else {
+        if !womd::is_shard(&file) {
             scenes.push(womd::numbered(&file)?);
+            continue;
+        }
+        match womd::record_paths(&file) {
+            Ok(records) => scenes.extend(records),
+            // Who reads it is told what is wrong; the other files of the folder go on.
+            Err(_) if is_folder => scenes.push(file),
+            Err(error) => return Err(error),
         }
     }
     Ok(scenes)
@@ -79,7 +85,7 @@ pub fn in_order<T: Send, E>(
 
 /// Scene files below a folder. Links are followed, each folder once. Pipes, sockets and devices are skipped.
 fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
-    let mut files = Vec::new();
+    let (mut files, mut doubtful) = (Vec::new(), Vec::new());
     let mut open = vec![(root.to_owned(), 0)];
     let mut seen = HashSet::new();
     while let Some((folder, level)) = open.pop() {
@@ -109,8 +115,14 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
                 open.push((path, level + 1));
             } else if found.is_file() && is_scene_file(&name, &path) {
                 files.push(path);
+            } else if found.is_file() && gpudrive::is_damaged(&path) {
+                doubtful.push(path);
             }
         }
+    }
+    // Beside scenes of GPUDrive it was one: left out without a word, it would be missing.
+    if files.iter().any(|file| gpudrive::is_named(file)) {
+        files.append(&mut doubtful);
     }
     Ok(files)
 }

@@ -37,6 +37,7 @@ pub(crate) use encode::encode;
 use std::path::Path;
 
 use sage_core::files;
+use serde::{Deserialize, de::IgnoredAny};
 
 use crate::gzip;
 
@@ -72,10 +73,49 @@ pub(crate) fn is_compressed_name(path: &Path) -> bool {
     path.file_name().unwrap_or_default().to_string_lossy().ends_with(".json.gz")
 }
 
+/// True if a file has the ending of a scene.
+pub(crate) fn is_named(path: &Path) -> bool {
+    is_compressed_name(path) || path.extension().is_some_and(|ending| ending == "json")
+}
+
+/// True if a file with the ending of a scene, which does not begin like one, is no other JSON either: it is empty, cut or
+/// overwritten, or what it is stands far behind its start.
+pub(crate) fn is_damaged(path: &Path) -> bool {
+    if !is_named(path) {
+        return false;
+    }
+    // Other files of JSON are short. Rows are not, and there may be very many.
+    if files::read_start(path, ROW.len() as u64).is_ok_and(|start| start == ROW) {
+        return false;
+    }
+    let Ok(bytes) = files::read(path, MOST_OTHER) else { return true };
+    let bytes = if gzip::is_gzip(&bytes) { gzip::inflate(&bytes, MOST_OTHER) } else { Ok(bytes) };
+    let Ok(bytes) = bytes else { return true };
+    let body = bytes.strip_prefix(BOM).unwrap_or(&bytes);
+    match serde_json::from_slice::<SceneKeys>(body) {
+        Ok(keys) => keys.objects.is_some() || keys.roads.is_some(),
+        // A list or a number.
+        Err(_) => serde_json::from_slice::<IgnoredAny>(body).is_err(),
+    }
+}
+
+/// The mark of a text in UTF-8.
+const BOM: &[u8] = b"\xef\xbb\xbf";
+/// How a row of this project begins.
+const ROW: &[u8] = b"{\"run_hash\"";
+/// Longest file that is read to see whether it is other JSON, bytes.
+const MOST_OTHER: u64 = 1 << 24;
+
+/// Keys of a scene.
+#[derive(Deserialize)]
+struct SceneKeys {
+    objects: Option<IgnoredAny>,
+    roads: Option<IgnoredAny>,
+}
+
 /// True if a file is a scene of GPUDrive, by its ending and its first bytes: many files of JSON are none.
 pub(crate) fn is_scene_file(path: &Path) -> bool {
-    let is_compressed = is_compressed_name(path);
-    if !is_compressed && path.extension().is_none_or(|ending| ending != "json") {
+    if !is_named(path) {
         return false;
     }
     let start = files::read_start(path, LOOK as u64).unwrap_or_default();
@@ -84,11 +124,11 @@ pub(crate) fn is_scene_file(path: &Path) -> bool {
 
 /// True if a file begins like a scene of GPUDrive: an object with road users or roads.
 pub(crate) fn begins_scene(bytes: &[u8]) -> bool {
-    let start = &bytes[..bytes.len().min(LOOK)];
-    let body = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start).trim_ascii_start();
+    let body = bytes.strip_prefix(BOM).unwrap_or(bytes).trim_ascii_start();
+    let body = &body[..body.len().min(LOOK)];
     let has = |key: &[u8]| body.windows(key.len()).any(|window| window == key);
     // A native file has zeros among its first bytes.
     body.starts_with(b"{")
-        && !start[..start.len().min(9)].contains(&0)
+        && !bytes[..bytes.len().min(9)].contains(&0)
         && (has(b"\"objects\"") && has(b"\"position\"") || has(b"\"roads\"") && has(b"\"geometry\""))
 }

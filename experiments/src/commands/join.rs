@@ -2,7 +2,7 @@
 
 use std::{io, path::Path};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, bail, ensure};
 use clap::Parser as _;
 use sage_run::{
     Outcome,
@@ -22,6 +22,7 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
     let command = recorded_command(&args.folder)?;
     progress::say(&format!("$ {command}"));
     let mut words = shlex::split(&command).with_context(|| format!("`{RECORD}` in `{folder}` is damaged"))?;
+    ensure!(words.len() > 1, "`{RECORD}` in `{folder}` is damaged: its command is `{command}`");
     output::stand_for(words[1..].to_vec());
     // After the name of the command, because `--` may end its options.
     words.splice(2..2, ["--out".to_owned(), folder.clone()]);

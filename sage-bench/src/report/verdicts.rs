@@ -172,7 +172,8 @@ fn differences(
     }
     let heads = has.of("arm", "generator");
     let names = heads.len();
-    let heads = heads.into_iter().chain(["metric", "verdict", "ours", "paper", "difference", "possibly because"]);
+    let heads =
+        heads.into_iter().chain(["metric", "verdict", "ours", "paper", "difference", "possibly because"]);
     let title = "Ours less the paper's. *Reproduced*: the interval of the difference, with the paper's own error, holds 0 and its half-width is at most that of the study; *cannot be told*: it holds 0 and is wider:";
     Some(Table { title: title.to_owned(), heads: heads.map(str::to_owned).collect(), rows, names })
 }

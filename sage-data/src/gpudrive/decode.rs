@@ -1,6 +1,9 @@
 //! Makes MetaDrive values of a file.
 
-use std::{collections::HashSet, path::Path};
+use std::{
+    collections::{HashMap, HashSet},
+    path::Path,
+};
 
 use sage_core::{
     motion::{DT, NOW},
@@ -73,6 +76,7 @@ pub(crate) fn document(
         let found = format!("{} lights with {frames} states each", signals.len());
         return Err(wrong("tl_states", found, "as many as a file of this size describes"));
     }
+    let originals = originals(&own.roads);
     let mut lights = Vec::with_capacity(signals.len());
     let mut known = HashSet::new();
     for (lane, signal) in &signals {
@@ -80,7 +84,7 @@ pub(crate) fn document(
             let field = format!("tl_states/{}", lane.escape_debug());
             return Err(wrong(&field, "there twice".to_owned(), "one light for each lane"));
         }
-        lights.push(reader.light(lane, signal, &own, &mut values)?);
+        lights.push(reader.light(lane, signal, &originals, &mut values)?);
     }
     let lights = values.entries(lights);
     let unit = if unit == Unit::Degrees { "degrees" } else { "radians" };
@@ -302,7 +306,14 @@ impl Reader<'_> {
         Ok(values.entries(features))
     }
 
-    fn light(&self, lane: &str, signal: &Signal, own: &Own, values: &mut Values) -> Result<(Id, Id), Error> {
+    /// A light; `originals` are the ids of lanes by the numbers that took their place.
+    fn light(
+        &self,
+        lane: &str,
+        signal: &Signal,
+        originals: &HashMap<i64, &String>,
+        values: &mut Values,
+    ) -> Result<(Id, Id), Error> {
         let states = signal.state.as_deref().unwrap_or_default();
         let times = signal.time_index.as_deref().unwrap_or_default();
         let field = |key: &str| format!("tl_states/{}/{key}", lane.escape_debug());
@@ -327,7 +338,7 @@ impl Reader<'_> {
         // The last stop point holds for all frames, as in Waymo's records. Some files have no heights.
         let [x, y, z] = [0, 1, 2].map(|axis: usize| signal.stop[axis].as_ref()?.last().copied());
         let stop = x.zip(y).map(|(x, y)| [x, y, z.unwrap_or(0.0)]);
-        let lane = &original(&Name(lane.to_owned()), &originals(&own.roads))[..];
+        let lane = &original(&Name(lane.to_owned()), originals)[..];
         let kind = values.word("TRAFFIC_LIGHT");
         let all = values.list(all);
         let state = values.dict([("object_state", all)]);

@@ -245,6 +245,10 @@ struct Lines(BufReader<std::fs::File>);
 
 impl Lines {
     fn open(path: &Path) -> std::io::Result<Self> {
+        // To open a pipe would wait for somebody to write.
+        if !std::fs::metadata(path)?.is_file() {
+            return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "it is no regular file"));
+        }
         std::fs::File::open(path).map(BufReader::new).map(Self)
     }
 
@@ -275,6 +279,9 @@ pub fn shard_files(folder: &Path) -> Result<Vec<(Shard, PathBuf)>> {
     let mut found = Vec::new();
     for entry in entries {
         let path = entry?.path();
+        if !path.is_file() {
+            continue;
+        }
         let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
         let shard = name.strip_suffix(".jsonl").map(|name| name.replace("-of-", "/").parse());
         found.extend(shard.and_then(Result::ok).map(|shard| (shard, path)));

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use sage_core::text::push_markup;
+use sage_core::text::{is_hidden, push_markup};
 
 /// What came of a test.
 pub(crate) enum Verdict {
@@ -76,9 +76,8 @@ fn escaped(text: &str) -> String {
     for c in text.chars() {
         match c {
             '\t' | '\n' | '\r' => out.push(' '),
-            c if c < ' ' || ('\u{7f}'..='\u{9f}').contains(&c) || ['\u{fffe}', '\u{ffff}'].contains(&c) => {
-                out.push('\u{fffd}');
-            }
+            // Characters that XML has not, and those that are not seen or turn the direction of the text.
+            c if is_hidden(c) => out.push('\u{fffd}'),
             c => push_markup(&mut out, c),
         }
     }

@@ -4,11 +4,13 @@
 //! limit. A file under its final name is complete, and no link is followed to write or to remove one. A run that
 //! fails leaves no temporary files.
 
+mod inputs;
 mod inside;
 mod output_lock;
 mod read;
 mod write;
 
+pub use inputs::was_read;
 pub use inside::{check_folders, create_inside, remove_inside};
 pub use output_lock::{LockError, OutputLock};
 pub use read::{

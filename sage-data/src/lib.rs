@@ -61,6 +61,6 @@ pub use error::Error;
 pub use format::Format;
 pub use gpudrive::EncodedGpuDrive;
 pub use reading::ReadOptions;
-pub use recording::{MAX_SCENE_FILE, Recording, Source, read_bytes};
+pub use recording::{MAX_SCENE_FILE, Recording, Source, is_source, read_bytes};
 pub use sage_core::scene::PROVENANCE;
 pub use variants::{Variant, VariantWriter};

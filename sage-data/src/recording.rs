@@ -381,6 +381,15 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
     })
 }
 
+/// Whether a file is one of those that a scene is read from: its own, also by another name, or the map beside it. No output may
+/// take its place.
+pub fn is_source(scene: &Path, file: &Path) -> bool {
+    let Ok(file) = file.canonicalize() else { return false };
+    let own = womd::shard_of(scene).unwrap_or_else(|| scene.to_owned());
+    let sources = [Some(own), parquet_files::map_beside(scene)];
+    sources.into_iter().flatten().any(|source| source.canonicalize().is_ok_and(|source| source == file))
+}
+
 /// The bytes of a file in a folder, which must be a regular file.
 pub(crate) fn read_inside(path: &Path) -> Result<Vec<u8>, Error> {
     read_with(path, files::read)

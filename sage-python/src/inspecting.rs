@@ -111,6 +111,7 @@ pub(crate) fn convert(
             Format::Parquet => anyhow::bail!("no scenes are written as {}", format.name()),
         }
         for (path, bytes) in &files {
+            scene.refuse_source(path)?;
             write(path, bytes, Existing::Replace)
                 .map_err(|source| Error::Write { path: path.clone(), source })?;
         }

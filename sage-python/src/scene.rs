@@ -1,6 +1,9 @@
 //! Scenes: a recorded or procedural one with arrays of its tracks.
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use pyo3::{
     prelude::*,
@@ -96,6 +99,17 @@ impl PyScene {
         let Origin { path, source, options, .. } = &*self.origin;
         let scene = (*self.data.scene).clone();
         Recording { path: path.clone(), scene, source: (**source).clone(), options: options.clone() }
+    }
+
+    /// Refuses to write over what the scene was read from.
+    ///
+    /// *Errors*: the path is that of its file, or of the map beside it.
+    pub(crate) fn refuse_source(&self, path: &Path) -> anyhow::Result<()> {
+        if sage_data::is_source(&self.origin.path, path) {
+            let problem = format!("`{}` is what the scene was read from; name another file", path.display());
+            return Err(advsage::Error::Value(problem).into());
+        }
+        Ok(())
     }
 
     /// The bytes of a file of the scene.
@@ -305,6 +319,7 @@ impl PyScene {
                     return Err(advsage::Error::Value(problem).into());
                 }
             };
+            self.refuse_source(&path)?;
             let bytes = self.bytes(native)?;
             sage_core::files::write(&path, &bytes, sage_core::files::Existing::Replace)
                 .map_err(|source| sage_data::Error::Write { path: path.clone(), source })?;

@@ -76,10 +76,17 @@ pub fn keep_planner_logs(folder: &Folder, extent: Extent, egos: &[Ego]) -> Resul
     Ok(())
 }
 
+/// File of a folder that is being written, with the command.
+const UNFINISHED: &str = ".sage-unfinished";
+/// Size limit of that file, bytes.
+const MARK_LIMIT: u64 = 1 << 20;
+
 /// An output folder that only this run writes to.
 pub struct Folder {
     path: PathBuf,
     claim: OutputLock,
+    /// Whether the same command began before.
+    is_begun: bool,
 }
 
 impl Folder {
@@ -95,18 +102,34 @@ impl Folder {
     ///
     /// *Errors*: as [`Folder::make`].
     pub fn make_beside(inputs: &Inputs, path: &Path, force: bool) -> Result<Self> {
-        let folder = Self::claim(inputs, path)?;
-        if !force && !folder.holds_at_most(&[])? {
+        let mut folder = Self::claim(inputs, path)?;
+        let mark = folder.path.join(UNFINISHED);
+        folder.is_begun = files::read_text(&mark, MARK_LIMIT).is_ok_and(|begun| begun == command());
+        if !force && !folder.is_begun && !folder.holds_at_most(&[UNFINISHED])? {
             bail!("`{}` is not empty; give --force to write into it anyway", path.display());
         }
+        // If this run is killed, the same command may begin again.
+        folder.write(UNFINISHED, command().as_bytes())?;
         Ok(folder)
+    }
+
+    /// True if the same command began to write into the folder and did not end.
+    pub fn is_begun(&self) -> bool {
+        self.is_begun
+    }
+
+    /// Says that all files are written.
+    ///
+    /// *Errors*: a system error.
+    pub fn finish(&self) -> Result<()> {
+        self.remove(UNFINISHED)
     }
 
     /// As [`Folder::make`], for a folder that may have content.
     fn claim(inputs: &Inputs, path: &Path) -> Result<Self> {
         inputs.refuse_folder(path)?;
         create_folder(path)?;
-        Ok(Self { path: path.to_owned(), claim: OutputLock::folder(path, &command())? })
+        Ok(Self { path: path.to_owned(), claim: OutputLock::folder(path, &command())?, is_begun: false })
     }
 
     /// True if the folder contains nothing except locks, unfinished files and some of the given files.
@@ -203,6 +226,9 @@ impl OutputFile {
     pub fn write(&self, bytes: &[u8]) -> Result<()> {
         if self.is_stdout() {
             return Ok(io::stdout().lock().write_all(bytes)?);
+        }
+        if files::was_read(&self.path) {
+            bail!("`{}` is an input of this command; name another file", self.path.display());
         }
         match files::write(&self.path, bytes, self.existing) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => refuse_existing(&self.path, false),

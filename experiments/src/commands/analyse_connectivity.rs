@@ -47,6 +47,7 @@ pub(crate) fn run(args: &ConnectivityArgs, registries: &Registries) -> Result<Ou
     }
     let page = format!("Geometry of two experts.\n\n{}", summary(&geometry).markdown());
     folder.write(PAGE, page.as_bytes())?;
+    folder.finish()?;
     output::print(&page)?;
     progress::say(&format!("{PAGE}, CSV files and pictures are in `{}`", args.folder.out.display()));
     Ok(Outcome::Done)

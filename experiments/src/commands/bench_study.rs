@@ -280,6 +280,7 @@ pub(crate) fn report(args: &ReportArgs, registries: &Registries) -> Result<Outco
     let report = Report::new(&study, &results)?;
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     write(&out, &report, &StudyRecord { study, ..record })?;
+    out.finish()?;
     output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
     progress::say(&format!(
         "{} and {STUDY_RECORD} are in `{}`",

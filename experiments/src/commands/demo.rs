@@ -38,7 +38,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     ];
     let run = |command: &[&str]| {
         progress::say(&format!("$ sage {}", command.join(" ")));
-        let force = if args.force { &["--force"][..] } else { &[] };
+        let force = if args.force || folder.is_begun() { &["--force"][..] } else { &[] };
         let words = [&["sage"], command, force].concat();
         match Cli::try_parse_from(words)?.command {
             Command::Scenes(args) => scenes::run(&args),
@@ -47,5 +47,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
         }
     };
     run(&make)?;
-    run(&attack)
+    let outcome = run(&attack)?;
+    folder.finish()?;
+    Ok(outcome)
 }

@@ -93,6 +93,7 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
     folder.write(RECIPE_FILE, text.as_bytes())?;
     folder.write(CARD_FILE, card(recipe, &experts, &mixture, &sources, &steps, &header)?.as_bytes())?;
     merged.save(&header, &folder.path().join(PRIOR_FILE))?;
+    folder.finish()?;
     progress::say(&format!(
         "merged {} experts by `{}`; use them with --weights {} --method prior",
         sources.len(),

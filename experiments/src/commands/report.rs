@@ -122,6 +122,7 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
         folder.remove(&format!("{SCENES}/{page}"))?;
     }
     folder.write(FILE, page.as_bytes())?;
+    folder.finish()?;
     progress::say(&format!(
         "{} of {}; open `{}`",
         progress::count(data.items.len(), "failure"),

@@ -45,6 +45,7 @@ pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
             progress.step();
         }
     }
+    out.finish()?;
     let scenes = count(args.count as usize, "scene");
     progress.finish(&format!("{scenes} in `{}`", args.out.display()));
     Ok(Outcome::Done)

@@ -20,7 +20,7 @@ use anyhow::{Result, bail};
 use sage_data::ReadOptions;
 use sage_run::{
     Outcome, networks,
-    output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST, Producer, RECORD},
+    output::{self, Counts, DatasetRun, Ended, Extent, Inputs, MANIFEST, Producer, RECORD},
     progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, work_on},
 };
@@ -202,6 +202,7 @@ pub(crate) fn run(args: &SimulateArgs, extent: Extent, registries: &Registries) 
     read.extend(args.attack.clone());
     read.extend(drivers(args).iter().flat_map(DriverSpec::files));
     output::protect_inputs(std::slice::from_ref(&args.scene), &read, &args.folder.out, &written)?;
+    Inputs::of_command_line().refuse_folder(&args.folder.out)?;
     let out = &args.folder.out;
     let outdated = || {
         let of_scenes = own.iter().copied().flat_map(outputs);

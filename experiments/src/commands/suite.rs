@@ -129,6 +129,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
         dataset::write_tables(folder.path())?;
     }
     folder.write(FILE, &serde_json::to_vec(&suite)?)?;
+    folder.finish()?;
     let out = folder.path().display();
     let kept = Spread::of(candidates.iter().map(|candidate| candidate.features.cluster()));
     progress::say_lines(&format!(

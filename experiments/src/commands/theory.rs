@@ -97,6 +97,7 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
             diagnostics: diagnostics.as_ref(),
         };
         page.write(folder)?;
+        folder.finish()?;
         progress::say(&format!("index.html, theory.md and figures are in `{}`", folder.path().display()));
     }
     Ok(if is_well { scenes::outcome_without(failed) } else { Outcome::NotHeld })

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     Error, Result,
     context::{Context as _, foreign, require},
-    csv_text::csv,
+    csv_text::{csv, text},
     rows::{Cell, Key, MetricRecord, Results, Subject},
     study::Study,
 };
@@ -70,22 +70,22 @@ pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
         let key: usize = row[key].parse().map_err(foreign).with_context(at)?;
         require(key < results.keys.len(), || format!("{}: key {key} is not in the record", at()))?;
         let scene = *scenes
-            .get(&row[scene])
+            .get(text(&row[scene]))
             .with_context(|| format!("{}: scene `{}` is not in the record", at(), &row[scene]))?;
         let cells = &mut results.cells[scene];
         if !row[error].is_empty() {
-            cells.push(Cell::failed(key, &row[error]));
+            cells.push(Cell::failed(key, text(&row[error])));
             continue;
         }
         let metrics = record.metrics.get(&results.keys[key].subject).map_or(&[][..], |all| all);
         let number = metrics.iter().position(|known| known.name == row[metric]);
         let number =
             number.with_context(|| format!("{}: metric `{}` is not in the record", at(), &row[metric]))?;
-        if cells.last().is_none_or(|cell| cell.key != key || cell.agent != row[agent]) {
+        if cells.last().is_none_or(|cell| cell.key != key || cell.agent != text(&row[agent])) {
             let values = vec![None; metrics.len()];
             cells.push(Cell {
                 key,
-                agent: row[agent].to_owned(),
+                agent: text(&row[agent]).to_owned(),
                 values,
                 notes: Vec::new(),
                 error: String::new(),
@@ -96,7 +96,7 @@ pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
             cell.values[number] = Some(row[value].parse().map_err(foreign).with_context(at)?);
         }
         if !row[note].is_empty() {
-            cell.notes.push((number, row[note].to_owned()));
+            cell.notes.push((number, text(&row[note]).to_owned()));
         }
     }
     Ok(results)

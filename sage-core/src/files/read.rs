@@ -6,6 +6,8 @@ use std::{
     path::Path,
 };
 
+use super::inputs;
+
 /// Path that means standard input on the command line.
 const STANDARD_INPUT: &str = "-";
 
@@ -19,7 +21,12 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     if !found.is_file() {
         return Err(wrong_kind(found.file_type(), "expected a regular file"));
     }
-    read_open(File::open(path)?, found.len(), limit)
+    read_open(opened(path)?, found.len(), limit)
+}
+
+/// Opens a file that is an input from now on.
+fn opened(path: &Path) -> io::Result<File> {
+    File::open(path).inspect(inputs::note)
 }
 
 /// Reads a path that the user gave: a regular file, a pipe (such as a process substitution), or `-` for
@@ -50,7 +57,7 @@ pub fn open_argument(path: &Path) -> io::Result<Opened> {
     }
     let found = std::fs::metadata(path)?;
     if found.is_file() {
-        return Ok(Opened::File(File::open(path)?, found.len()));
+        return Ok(Opened::File(opened(path)?, found.len()));
     }
     if !is_pipe(found.file_type()) {
         return Err(wrong_kind(found.file_type(), "expected a file, a pipe, or - for standard input"));

@@ -78,7 +78,7 @@ impl DatasetRun {
             }
         };
         let hash = run_hash(&identity);
-        let folder = Folder { path: path.to_owned(), claim };
+        let folder = Folder { path: path.to_owned(), claim, is_begun: false };
         let run = Self { folder, identity, hash, extent, results, clock: Instant::now() };
         // A damaged record does not keep a run from beginning again.
         let record = if force { read_record(&run.folder).unwrap_or(None) } else { read_record(&run.folder)? };

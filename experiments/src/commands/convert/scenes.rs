@@ -136,7 +136,10 @@ impl Names<'_> {
     fn job(&mut self, item: Item) -> Result<Option<Job>, (PathBuf, anyhow::Error)> {
         let path = item.path().to_owned();
         let (name, dataset) = match item.name() {
-            Ok((name, dataset)) => (with_suffix(&name, &self.args.reading.options().suffix()), dataset),
+            Ok((name, dataset)) => (
+                with_suffix(&apart_from_options(name, &path), &self.args.reading.options().suffix()),
+                dataset,
+            ),
             Err(error) => {
                 let error = anyhow::Error::from(error);
                 if may_succeed_later(&error) {
@@ -181,6 +184,12 @@ impl Names<'_> {
         }
         Ok(Some(Job::Convert(item, name)))
     }
+}
+
+/// The name of a scene; one that begins with `-`, which a program would take for an option, gets another name.
+fn apart_from_options(name: PathBuf, path: &Path) -> PathBuf {
+    let last = name.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if last.starts_with('-') { name.with_file_name(folder::name_apart(&last, path)) } else { name }
 }
 
 /// Converts one scene.

@@ -1,0 +1,52 @@
+//! Which files this process has read: no output may take the place of one, wherever its name came from.
+
+use std::{
+    collections::BTreeSet,
+    fs::File,
+    path::Path,
+    sync::{Mutex, PoisonError},
+};
+
+/// Device and number of each file.
+static READ: Mutex<BTreeSet<[u64; 2]>> = Mutex::new(BTreeSet::new());
+
+/// Notes a file that is read.
+pub(super) fn note(file: &File) {
+    if let Some(id) = file.metadata().ok().and_then(|found| id(&found)) {
+        READ.lock().unwrap_or_else(PoisonError::into_inner).insert(id);
+    }
+}
+
+/// Whether this process has read the file at a path, by this or another name. Always false where files have no numbers.
+pub fn was_read(path: &Path) -> bool {
+    let id = std::fs::metadata(path).ok().and_then(|found| id(&found));
+    id.is_some_and(|id| READ.lock().unwrap_or_else(PoisonError::into_inner).contains(&id))
+}
+
+#[cfg(unix)]
+fn id(found: &std::fs::Metadata) -> Option<[u64; 2]> {
+    use std::os::unix::fs::MetadataExt;
+    Some([found.dev(), found.ino()])
+}
+
+#[cfg(not(unix))]
+fn id(_: &std::fs::Metadata) -> Option<[u64; 2]> {
+    None
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_was_read_is_known_by_all_its_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, link, other] = ["a", "b", "c"].map(|name| folder.path().join(name));
+        std::fs::write(&file, "x").unwrap();
+        std::fs::write(&other, "x").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        assert!(!was_read(&file));
+        crate::files::read(&file, 10).unwrap();
+        assert_eq!([&file, &link, &other].map(|path| was_read(path)), [true, true, false]);
+    }
+}

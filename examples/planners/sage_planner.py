@@ -360,6 +360,7 @@ def serve(planner, observation=False):
             fields = message["step"]
             history.append(fields)
             answer = _answer(planner.act(Observation(fields, scene, history)))
+            answer["t"] = fields["t"]  # says which step it answers
         elif "reset" in message:
             scene = Scene(message["reset"])
             history.clear()

@@ -15,7 +15,8 @@ use sage_data::Recording;
 
 /// Hidden files of a folder: locks and unfinished files.
 fn hidden(folder: &Path) -> Vec<String> {
-    hostile::snapshot(folder).into_keys().filter(|name| name.contains(".sage-")).collect()
+    let is_hidden = |name: &String| name.contains(".sage-") && !name.ends_with(".sage-unfinished");
+    hostile::snapshot(folder).into_keys().filter(is_hidden).collect()
 }
 
 /// A small disk, or a stand-in: a limit on the size of files.

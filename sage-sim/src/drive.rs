@@ -63,6 +63,10 @@ impl InformedDriver {
         self.driver.control(&View::of_ego(world, self.knowledge, observed))
     }
 
+    fn end(&mut self, world: &World) -> Result<(), Error> {
+        self.driver.end(&View::of_ego(world, self.knowledge, None))
+    }
+
     fn try_clone(&self) -> Result<Self, Error> {
         Ok(Self { driver: self.driver.boxed_clone()?, knowledge: self.knowledge })
     }
@@ -150,6 +154,13 @@ impl Simulation {
     /// *Errors*: as [`Driver::control`] and [`World::step`].
     pub fn step(&mut self) -> Result<(), Error> {
         self.advance(None)
+    }
+
+    /// Ends the drive of the ego.
+    ///
+    /// *Errors*: as [`Driver::end`].
+    pub(crate) fn end(&mut self) -> Result<(), Error> {
+        self.ego.end(&self.world)
     }
 
     /// Advances by one step in which the ego does what another driver did. Its own driver sees what it would have seen, and
@@ -338,5 +349,8 @@ pub fn drive(simulation: &mut Simulation) -> Result<Drive, Error> {
         }
         recorder.record(simulation);
     }
-    Ok(recorder.finish())
+    match simulation.end() {
+        Ok(()) => Ok(recorder.finish()),
+        Err(error) => Err(error.with_drive(recorder.finish())),
+    }
 }

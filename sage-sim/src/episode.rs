@@ -193,6 +193,7 @@ impl Progress {
         while goes_on && simulation.world().step_count() < last && simulation.step().is_ok() {
             each(simulation.world());
         }
+        simulation.end().map_err(|error| error.with_drive(drive.clone()))?;
         let car = simulation.world().car();
         let all = recorder.finish();
         let contact = |(contact, overlap): (&DriveContact, f64)| {

@@ -220,6 +220,13 @@ pub trait Driver: Send {
         None
     }
 
+    /// Told at the end of a drive that no step follows, before anybody relies on the drive.
+    ///
+    /// *Errors*: [`Error::Planner`] for a program whose answers do not belong to the steps, as it shows only now.
+    fn end(&mut self, _view: &View) -> Result<(), Error> {
+        Ok(())
+    }
+
     /// A copy in the same state, so that a drive can be saved.
     ///
     /// *Errors*: [`Error::Clone`] if its state is not in this process.

@@ -33,20 +33,3 @@ fn id(found: &std::fs::Metadata) -> Option<[u64; 2]> {
 fn id(_: &std::fs::Metadata) -> Option<[u64; 2]> {
     None
 }
-
-#[cfg(all(test, unix))]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_file_that_was_read_is_known_by_all_its_names() {
-        let folder = tempfile::tempdir().unwrap();
-        let [file, link, other] = ["a", "b", "c"].map(|name| folder.path().join(name));
-        std::fs::write(&file, "x").unwrap();
-        std::fs::write(&other, "x").unwrap();
-        std::os::unix::fs::symlink(&file, &link).unwrap();
-        assert!(!was_read(&file));
-        crate::files::read(&file, 10).unwrap();
-        assert_eq!([&file, &link, &other].map(|path| was_read(path)), [true, true, false]);
-    }
-}

@@ -170,6 +170,19 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
+    fn a_file_that_was_read_is_known_by_all_its_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let [file, link, other] = ["a", "b", "c"].map(|name| folder.path().join(name));
+        std::fs::write(&file, "x").unwrap();
+        std::fs::write(&other, "x").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        assert!(!inputs::was_read(&file));
+        read(&file, 10).unwrap();
+        assert_eq!([&file, &link, &other].map(|path| inputs::was_read(path)), [true, true, false]);
+    }
+
+    #[cfg(unix)]
+    #[test]
     fn errors_name_the_file_type_of_folders_and_devices() {
         let folder = tempfile::tempdir().unwrap();
         for (path, kind) in [(folder.path(), "a folder"), (Path::new("/dev/zero"), "a device")] {

@@ -272,8 +272,12 @@ fn map_features(
         let expected = "outlines that cross seldom, as those of roads".to_owned();
         return Err(wrong("drivable_areas", format!("with more than {MOST_CROSSINGS} crossings"), expected));
     }
+    let edges = edges::edges(&areas, &motor).ok_or_else(|| {
+        let expected = "lanes along the road, not to and fro across it".to_owned();
+        wrong("drivable_areas", "beside too many sides of lanes".to_owned(), expected)
+    })?;
     let mut all = features(&lanes, &map.pedestrian_crossings.0, values);
-    for (k, edge) in edges::edges(&areas, &motor).iter().enumerate() {
+    for (k, edge) in edges.iter().enumerate() {
         let kind = values.word("ROAD_EDGE_BOUNDARY");
         let line = flat(edge, values);
         let feature = values.dict([("type", kind), ("polyline", line)]);

@@ -14,20 +14,22 @@ use sage_core::geometry::{Point, distance};
 const NEAR: f64 = 0.1;
 /// Shortest edge that is kept, metres.
 const SHORTEST: f64 = 0.5;
+/// Most pairs of a side of an outline and a side of a lane in whose surroundings it is: about two seconds of work.
+const MOST_PAIRS: usize = 100_000_000;
 
-/// The edges of a map: polylines with the road on their left.
-pub(super) fn edges(areas: &[Vec<Point>], motor_lanes: &[Vec<Point>]) -> Vec<Vec<Point>> {
+/// The edges of a map: polylines with the road on their left. `None` if there are more than [`MOST_PAIRS`].
+pub(super) fn edges(areas: &[Vec<Point>], motor_lanes: &[Vec<Point>]) -> Option<Vec<Vec<Point>>> {
     let areas: Vec<Vec<Point>> =
         areas.iter().filter(|area| area.len() > 2).map(|area| counterclockwise(area)).collect();
     // Outer outlines are counterclockwise and those of holes clockwise: the road is on the left of both.
     let shapes = areas.overlay(&Vec::<Vec<Point>>::new(), OverlayRule::Subject, FillRule::NonZero);
     let lanes: Vec<Lane> = motor_lanes.iter().filter(|lane| lane.len() > 2).map(Lane::new).collect();
-    let mut edges = Vec::new();
+    let (mut edges, mut pairs) = (Vec::new(), 0);
     for outline in shapes.into_iter().flatten() {
-        edges.extend(outside(&outline, &lanes));
+        edges.extend(outside(&outline, &lanes, &mut pairs)?);
     }
     edges.retain(|edge| edge.windows(2).map(|w| distance(w[0], w[1])).sum::<f64>() >= SHORTEST);
-    edges
+    Some(edges)
 }
 
 /// Whether sides of some outlines cross each other more often than a number.
@@ -99,20 +101,28 @@ impl<'l> Lane<'l> {
         self.sides().filter(crosses).count() % 2 == 1
     }
 
-    /// The parts of a line, as shares of its length, that lie in the lane or within [`NEAR`] of it.
+    /// The parts of a line that meets the surroundings, as shares of its length, that lie in the lane or within [`NEAR`] of it.
     fn covers(&self, line: [Point; 2], parts: &mut Vec<[f64; 2]>) {
-        if !self.may_meet(line) {
-            return;
-        }
-        let mut cuts = vec![0.0, 1.0];
+        let mut cuts = Vec::new();
         for side in self.sides() {
             parts.extend(near(line, side));
-            cuts.extend(crossing(line, side));
+            if is_left(line, side[0]) != is_left(line, side[1]) {
+                cuts.extend(crossing(line, side));
+            }
         }
         cuts.sort_by(f64::total_cmp);
-        let inside = cuts.windows(2).filter(|w| self.holds(at(line, 0.5 * (w[0] + w[1]))));
-        parts.extend(inside.map(|w| [w[0], w[1]]));
+        // At each crossing the line goes into the lane or out of it.
+        let mut from = 0.0;
+        let mut is_inside = self.holds(at(line, 0.5 * cuts.first().copied().unwrap_or(1.0)));
+        for to in cuts.into_iter().chain([1.0]) {
+            parts.extend(is_inside.then_some([from, to]));
+            (from, is_inside) = (to, !is_inside);
+        }
     }
+}
+
+fn is_left([a, b]: [Point; 2], p: Point) -> bool {
+    (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0.0
 }
 
 fn at([a, b]: [Point; 2], share: f64) -> Point {
@@ -178,15 +188,21 @@ fn between(start: f64, step: f64, least: f64, most: f64) -> Option<[f64; 2]> {
     Some([p.min(q), p.max(q)])
 }
 
-/// The parts of an outline that no lane covers, as polylines.
-fn outside(outline: &[Point], lanes: &[Lane]) -> Vec<Vec<Point>> {
+/// The parts of an outline that no lane covers, as polylines. Counts the pairs of sides; `None` beyond [`MOST_PAIRS`].
+fn outside(outline: &[Point], lanes: &[Lane], pairs: &mut usize) -> Option<Vec<Vec<Point>>> {
     let mut lines: Vec<Vec<Point>> = Vec::new();
     let next = outline.iter().cycle().skip(1);
     let mut covered = Vec::new();
     for (a, b) in outline.iter().zip(next) {
         let line = [*a, *b];
         covered.clear();
-        lanes.iter().for_each(|lane| lane.covers(line, &mut covered));
+        for lane in lanes.iter().filter(|lane| lane.may_meet(line)) {
+            *pairs += lane.ring.len();
+            if *pairs > MOST_PAIRS {
+                return None;
+            }
+            lane.covers(line, &mut covered);
+        }
         covered.sort_by(|p, q| p[0].total_cmp(&q[0]));
         let mut from = 0.0;
         for [start, end] in covered.iter().copied().chain([[1.0, 1.0]]) {
@@ -206,7 +222,7 @@ fn outside(outline: &[Point], lanes: &[Lane]) -> Vec<Vec<Point>> {
         last.extend(lines[0].iter().skip(1));
         lines[0] = last;
     }
-    lines
+    Some(lines)
 }
 
 #[cfg(test)]
@@ -225,7 +241,7 @@ mod tests {
     #[test]
     fn the_road_is_on_the_left_and_areas_are_one() {
         let areas = [rectangle([0.0, 0.0], [10.0, 8.0]), rectangle([10.0, 0.0], [30.0, 8.0])];
-        let found = edges(&areas, &[]);
+        let found = edges(&areas, &[]).unwrap();
         assert_eq!(found.len(), 1);
         assert!((length(&found) - 76.0).abs() < 1e-6, "{found:?}");
         assert!(signed_area(&found[0]) > 0.0);
@@ -240,7 +256,7 @@ mod tests {
             rectangle([0.0, 0.0], [5.0, 30.0]),
             rectangle([25.0, 0.0], [30.0, 30.0]),
         ];
-        let found = edges(&areas, &[]);
+        let found = edges(&areas, &[]).unwrap();
         let mut turns: Vec<bool> = found.iter().map(|edge| signed_area(edge) > 0.0).collect();
         turns.sort_unstable();
         assert_eq!(turns, [false, true]);
@@ -252,13 +268,27 @@ mod tests {
         // A road of 8 m with a lane in its middle that leads out of the map on both sides.
         let road = [rectangle([0.0, 0.0], [40.0, 8.0])];
         let lane = [rectangle([0.0, 2.0], [40.0, 6.0])];
-        let found = edges(&road, &lane);
+        let found = edges(&road, &lane).unwrap();
         assert_eq!(found.len(), 2, "{found:?}");
         // Both long sides, and of each short side what is farther than 0.1 m from the lane.
         assert!((length(&found) - (80.0 + 4.0 * 1.9)).abs() < 1e-6, "{}", length(&found));
         for edge in &found {
             assert!(edge.iter().all(|p| p[1] <= 1.9 + 1e-9 || p[1] >= 6.1 - 1e-9), "{edge:?}");
         }
+    }
+
+    #[test]
+    fn a_map_with_very_many_pairs_of_sides_is_refused() {
+        // A comb as a drivable area, and a lane that goes to and fro across it.
+        let tooth = |k: usize| [[k as f64, 0.0], [k as f64 + 0.5, 1000.0]];
+        let comb: Vec<Point> = (0..10_000).flat_map(tooth).chain([[1e4, -10.0], [0.0, -10.0]]).collect();
+        let lane = |count: usize| -> Vec<Point> {
+            (0..count)
+                .map(|k| [if k % 2 == 0 { -1.0 } else { 1e4 + 1.0 }, k as f64 * 1000.0 / count as f64])
+                .collect()
+        };
+        assert_eq!(edges(std::slice::from_ref(&comb), &[lane(10_000)]), None);
+        assert!(edges(&[comb], &[lane(100)]).is_some());
     }
 
     #[test]

@@ -143,10 +143,8 @@ fn check(file: &Bytes, metadata: &ParquetMetaData) -> Result<(), Problem> {
         }
         for column in group.columns() {
             let name = column.column_path().string();
-            let size = check_chunk(file, column).map_err(|(found, expected)| Problem {
-                column: name.escape_debug().to_string(),
-                found,
-                expected: expected.to_owned(),
+            let size = check_chunk(file, column, group.num_rows() as u64).map_err(|(found, expected)| {
+                Problem { column: name.escape_debug().to_string(), found, expected: expected.to_owned() }
             })?;
             bytes += size;
         }
@@ -161,22 +159,25 @@ fn check(file: &Bytes, metadata: &ParquetMetaData) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Decompressed size of a column chunk.
+/// Decompressed size of a column chunk with a number of rows.
 ///
 /// *Errors*: what was found, and what is expected.
-fn check_chunk(file: &Bytes, column: &ColumnChunkMetaData) -> Result<u64, (String, &'static str)> {
+fn check_chunk(file: &Bytes, column: &ColumnChunkMetaData, rows: u64) -> Result<u64, (String, &'static str)> {
     if !matches!(column.compression(), Compression::UNCOMPRESSED | Compression::SNAPPY) {
         // Without the level: GZIP(GzipLevel(6)).
         let name = column.compression().to_string();
         let found = format!("compressed by {}", name.split('(').next().unwrap_or_default());
         return Err((found, "snappy or no compression; save the file again"));
     }
-    let first =
-        column.dictionary_page_offset().unwrap_or(column.data_page_offset()).min(column.data_page_offset());
+    // The reader begins at the dictionary, wherever it is.
+    let first = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
+    if first > column.data_page_offset() {
+        return Err(("with a dictionary behind its values".to_owned(), "a whole file"));
+    }
     let range = usize::try_from(first).ok().zip(usize::try_from(column.compressed_size()).ok());
     let chunk = range.and_then(|(first, size)| file.get(first..first.checked_add(size)?));
     let chunk = chunk.ok_or_else(|| ("outside of the file".to_owned(), "a whole file"))?;
-    decompressed_size(chunk).map_err(|problem| (problem, "a whole file"))
+    decompressed_size(chunk, rows).map_err(|problem| (problem, "a whole file"))
 }
 
 /// Texts of a file, each once.

@@ -23,11 +23,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Driver, EgoPolicy, Shown, Start, View,
-    planner::{AGENTS, Answer, Follower, RADIUS, ToldScene, ToldStep},
+    planner::{AGENTS, Answer, Follower, RADIUS, ToldScene, ToldStep, shortened},
 };
 use crate::{Error, error::PlannerLog, world::Control};
 use lines::Greeting;
-use log::{LARGEST, Log};
+use log::{Log, Watched};
 pub use program::kill_all as kill_programs;
 use program::{FAREWELL, Failure, Program};
 
@@ -37,6 +37,8 @@ const LONGEST: f64 = 86_400.0;
 const FARTHEST_MAP: f64 = 10_000.0;
 /// Most lines that a program may print before it says hello.
 const MOST_BANNER: usize = 1000;
+/// Most answers to a drive that come after its end.
+const MOST_LATE: usize = 100;
 
 /// Options of [`Process`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -120,6 +122,7 @@ impl EgoPolicy for Process {
             planner: Some(planner),
             seed: start.seed(),
             is_reset: false,
+            counts: false,
             follower: Follower::default(),
             logged: first_byte,
             shown: None,
@@ -204,14 +207,15 @@ impl Shared {
 /// that are no JSON object go to the log until it says hello.
 fn greeted(program: &mut Program, log: &Log, limit: Duration) -> Result<Greeting, String> {
     let start = Instant::now();
-    let mut line = program.ask(&messages::hello(), limit).map_err(|failure| failure.to_string())?;
+    let watched = Watched { log, since: log.length() };
+    let mut line = program.ask(&messages::hello(), limit, watched).map_err(|failure| failure.to_string())?;
     for _ in 0..MOST_BANNER {
         if lines::is_object(&line) {
             break;
         }
         log.note(&line);
         let left = limit.saturating_sub(start.elapsed());
-        line = program.ask(&[], left).map_err(|failure| match failure {
+        line = program.ask(&[], left, watched).map_err(|failure| match failure {
             Failure::Late(_) => Failure::Late(limit).to_string(),
             failure => failure.to_string(),
         })?;
@@ -221,17 +225,36 @@ fn greeted(program: &mut Program, log: &Log, limit: Duration) -> Result<Greeting
     Ok(greeting)
 }
 
-/// What a program answers to a message within a time.
+/// What a program answers to a message within a time, while its log stays within its size.
 fn asked<T>(
     program: &mut Program,
     message: &[u8],
     limit: Duration,
+    log: Watched,
     understood: impl Fn(&[u8]) -> Result<T, String>,
 ) -> Result<T, String> {
-    let line = program.ask(message, limit).map_err(|failure| failure.to_string())?;
+    let line = program.ask(message, limit, log).map_err(|failure| failure.to_string())?;
     let answer = understood(&line)?;
     program.no_more().map_err(|failure| failure.to_string())?;
     Ok(answer)
+}
+
+/// Waits until a program is ready for a drive. Answers to steps of the drive before, which say so, are passed over.
+fn asked_to_reset(
+    program: &mut Program,
+    message: &[u8],
+    limit: Duration,
+    log: Watched,
+) -> Result<(), String> {
+    let mut line = program.ask(message, limit, log).map_err(|failure| failure.to_string())?;
+    for _ in 0..MOST_LATE {
+        if !lines::is_late(&line) {
+            break;
+        }
+        line = program.ask(&[], limit, log).map_err(|failure| failure.to_string())?;
+    }
+    lines::ready(&line)?;
+    program.no_more().map_err(|failure| failure.to_string())
 }
 
 /// A drive of a planner.
@@ -243,6 +266,8 @@ struct ProcessDriver {
     first_byte: u64,
     seed: u64,
     is_reset: bool,
+    /// Whether an answer did not say which step it is of, so that answers have to be counted.
+    counts: bool,
     follower: Follower,
     /// Length of the log after the step before, bytes.
     logged: u64,
@@ -268,6 +293,10 @@ impl Driver for ProcessDriver {
         self.shown.take()
     }
 
+    fn end(&mut self, view: &View) -> Result<(), Error> {
+        self.count(view).map_err(|problem| self.failed(view, problem))
+    }
+
     fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
         Err(Error::Clone {
             problem: format!(
@@ -285,7 +314,8 @@ impl ProcessDriver {
         let planner = self.planner.as_mut().ok_or("it failed before")?;
         if !self.is_reset {
             let told = ToldScene::new(view, self.seed, self.shared.radius);
-            asked(&mut planner.program, &messages::line("reset", &told), reset, lines::ready)?;
+            let log = Watched { log: &planner.log, since: self.first_byte };
+            asked_to_reset(&mut planner.program, &messages::line("reset", &told), reset, log)?;
             self.is_reset = true;
         }
         let observation = match (planner.wants_observation, view.observation()) {
@@ -297,14 +327,27 @@ impl ProcessDriver {
         };
         let told = ToldStep::new(view, self.shared.agents);
         let message = messages::line("step", &told.message(view.scene().scene(), observation));
-        let answer = asked(&mut planner.program, &message, step, |line| lines::step(line, view.car()))?;
-        if planner.log.length() > self.first_byte.saturating_add(LARGEST) {
-            return Err(format!(
-                "it wrote more than {} MiB to its standard error in one drive",
-                LARGEST >> 20
-            ));
-        }
+        let log = Watched { log: &planner.log, since: self.first_byte };
+        let understood = |line: &[u8]| lines::step(line, told.t, view.car());
+        let (answer, is_numbered) = asked(&mut planner.program, &message, step, log, understood)?;
+        self.counts |= !is_numbered;
         Ok(answer)
+    }
+
+    /// Looks for answers beyond those that were asked for: the first line after a further `reset` is `ready`, or there are more
+    /// answers than steps, and each may have been taken for the next.
+    fn count(&mut self, view: &View) -> Result<(), String> {
+        let Some(planner) = self.planner.as_mut().filter(|_| self.is_reset && self.counts) else {
+            return Ok(());
+        };
+        let told = ToldScene::new(view, self.seed, self.shared.radius);
+        let log = Watched { log: &planner.log, since: self.first_byte };
+        let limit = self.shared.limits[1];
+        asked(&mut planner.program, &messages::line("reset", &told), limit, log, |line| {
+            lines::ready(line).map_err(|_| {
+                format!("it printed more answers than it got messages, the last `{}`", shortened(line))
+            })
+        })
     }
 
     /// Keeps what is shown of a step: a plan, and what was written to the log since the step before.
@@ -323,6 +366,7 @@ impl ProcessDriver {
         if let Some(Planner { program, log: own, .. }) = self.planner.take() {
             drop(program);
             log = PlannerLog::of(own.path(), own.last_lines(self.first_byte));
+            own.limit();
             self.shared.state().logs.push(own);
         }
         Error::Planner {

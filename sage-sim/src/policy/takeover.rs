@@ -90,6 +90,11 @@ impl Driver for TakeoverDriver {
         if self.step <= NOW { self.first.shown() } else { self.then.shown() }
     }
 
+    fn end(&mut self, view: &View) -> Result<(), Error> {
+        self.first.end(view)?;
+        self.then.end(view)
+    }
+
     fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
         let [first, then] = [self.first.boxed_clone()?, self.then.boxed_clone()?];
         Ok(Box::new(Self { first, then, step: self.step }))

@@ -121,6 +121,10 @@ impl Driver for TimedDriver {
         self.driver.shown()
     }
 
+    fn end(&mut self, view: &View) -> Result<(), Error> {
+        self.driver.end(view)
+    }
+
     fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(Self { driver: self.driver.boxed_clone()?, times: self.times.clone() }))
     }

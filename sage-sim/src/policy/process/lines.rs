@@ -8,6 +8,9 @@ use crate::{
     vehicle::Vehicle,
 };
 
+/// Largest difference of two times that are the same, s.
+const SAME_TIME: f64 = 1e-6;
+
 /// What a planner says of itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Greeting {
@@ -73,7 +76,19 @@ pub(super) fn ready(line: &[u8]) -> Result<(), String> {
     Err(format!("it answered `{}` to `reset`; expected {EXPECTED}", shortened(line)))
 }
 
-/// The answer to `step`, of the driver of a car.
-pub(super) fn step(line: &[u8], car: &Vehicle) -> Result<Answer, String> {
-    Answer::of_object(&object(line, EXPECTED)?, car, &shortened(line))
+/// The answer to a step, of the driver of a car, and whether it says which step it is of: by the `t` of its message.
+pub(super) fn step(line: &[u8], t: f64, car: &Vehicle) -> Result<(Answer, bool), String> {
+    let object = object(line, EXPECTED)?;
+    let of = object.get("t").and_then(Value::as_f64);
+    if let Some(of) = of.filter(|of| !((of - t).abs() < SAME_TIME)) {
+        return Err(format!(
+            "it answered to t = {of}, and was asked at t = {t:.1}: it printed more answers than it got messages"
+        ));
+    }
+    Ok((Answer::of_object(&object, car, &shortened(line))?, of.is_some()))
+}
+
+/// Whether a line is an answer to a step that has passed, which says so.
+pub(super) fn is_late(line: &[u8]) -> bool {
+    serde_json::from_slice::<Map<String, Value>>(line).is_ok_and(|object| object.contains_key("t"))
 }

@@ -15,6 +15,20 @@ const SHOWN_BYTES: u64 = 4096;
 /// Most names that are tried for a file.
 const MOST_NAMES: usize = 10_000;
 
+/// A log from an offset on, which may not grow beyond its size.
+#[derive(Clone, Copy)]
+pub(super) struct Watched<'l> {
+    pub(super) log: &'l Log,
+    pub(super) since: u64,
+}
+
+impl Watched<'_> {
+    /// True if too much was written.
+    pub(super) fn is_full(self) -> bool {
+        self.log.length() > self.since.saturating_add(LARGEST)
+    }
+}
+
 /// The log of the programs that one worker starts.
 pub(super) struct Log {
     file: File,

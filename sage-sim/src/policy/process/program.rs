@@ -19,6 +19,7 @@ use rustix::{
     process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid},
 };
 
+use super::log::{LARGEST, Watched};
 use crate::policy::planner::shortened;
 
 /// Longest line that a program may answer, bytes.
@@ -69,6 +70,8 @@ pub(super) enum Failure {
     Late(Duration),
     /// The line is longer than [`LONGEST_LINE`].
     TooLong,
+    /// It wrote more to its standard error than a log may hold.
+    LongLog,
     /// More than one line came for one message.
     Extra(String),
     /// The pipe failed.
@@ -87,6 +90,9 @@ impl std::fmt::Display for Failure {
                 f,
                 "a line of more than {LONGEST_LINE} bytes; expected one short line of JSON for each message"
             ),
+            Self::LongLog => {
+                write!(f, "it wrote more than {} MiB to its standard error in one drive", LARGEST >> 20)
+            }
             Self::Extra(line) => write!(
                 f,
                 "more than one line for a message, the second `{line}`; print to standard error what is not an answer"
@@ -121,14 +127,18 @@ impl Program {
         Ok(program)
     }
 
-    /// Sends a line, which ends with a line feed, and waits for one: its bytes without the line feed.
+    /// Sends a line, which ends with a line feed, and waits for one: its bytes without the line feed. Meanwhile the log may not
+    /// grow beyond its size.
     ///
     /// *Errors*: why there is no answer. The program is of no use then.
-    pub(super) fn ask(&mut self, line: &[u8], limit: Duration) -> Result<Vec<u8>, Failure> {
+    pub(super) fn ask(&mut self, line: &[u8], limit: Duration, log: Watched) -> Result<Vec<u8>, Failure> {
         let start = Instant::now();
         let mut sent = 0;
         let mut seen = 0;
         loop {
+            if log.is_full() {
+                return Err(Failure::LongLog);
+            }
             // A program may answer before it has read all of the message, which is sent all the same.
             let is_sent = sent == line.len();
             let found = self.read[seen..].iter().position(|byte| *byte == b'\n');

@@ -37,7 +37,11 @@ def answers(program, steps):
     finally:
         os.unlink(file.name)
     assert done.returncode == 0, done.stderr
-    return [json.loads(line) for line in done.stdout.splitlines()]
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    for message, answer in zip(lines, found):
+        if "step" in message:
+            assert answer.pop("t") == message["step"]["t"]
+    return found
 
 
 def nuplan():

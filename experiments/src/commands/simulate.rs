@@ -202,7 +202,8 @@ pub(crate) fn run(args: &SimulateArgs, extent: Extent, registries: &Registries) 
     read.extend(args.attack.clone());
     read.extend(drivers(args).iter().flat_map(DriverSpec::files));
     output::protect_inputs(std::slice::from_ref(&args.scene), &read, &args.folder.out, &written)?;
-    Inputs::of_command_line().refuse_folder(&args.folder.out)?;
+    // The folder of a row has a record and a manifest of its own.
+    Inputs::of(&args.attack).refuse_folder(&args.folder.out)?;
     let out = &args.folder.out;
     let outdated = || {
         let of_scenes = own.iter().copied().flat_map(outputs);

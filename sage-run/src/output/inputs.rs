@@ -29,6 +29,11 @@ impl Inputs {
         Self::named(without_command(command_line::arguments()).into_iter())
     }
 
+    /// Some files and folders.
+    pub fn of<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Self {
+        Self(Vec::new()).and(paths)
+    }
+
     fn named(arguments: impl Iterator<Item = String>) -> Self {
         let mut found = Vec::new();
         let (mut is_output, mut is_named) = (false, false);

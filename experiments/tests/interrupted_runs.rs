@@ -49,6 +49,11 @@ fn killed_runs_over_scenes_resume_to_the_same_files() {
 }
 
 #[test]
+fn killed_runs_that_write_once_begin_anew() {
+    killed(&["scenes", "demo", "suite", "report"]);
+}
+
+#[test]
 fn killed_studies_go_on_to_the_same_files() {
     killed(&["open-loop", "drivers", "closed-loop"]);
 }

@@ -47,6 +47,20 @@ impl Case {
             assert!(status.expect("the program starts").success(), "{arguments:?}");
         };
         prepare(&["scenes", "--count", "4", "--format", "pickle", "--out", "scenes"]);
+        if ["suite", "report"].contains(&name) {
+            prepare(&[
+                "search",
+                "scenes",
+                "--ego",
+                "idm",
+                "--budget",
+                "8",
+                "--weights",
+                "procedural",
+                "--out",
+                "failures",
+            ]);
+        }
         std::fs::write(root.join("quick.json"), r#"{"epochs": 2, "candidates": 16}"#)
             .expect("a file is written");
         let row = TABLE.lines().filter_map(|line| line.split_once(" | ")).find(|(known, _)| *known == name);
@@ -56,7 +70,7 @@ impl Case {
             program: program.to_owned(),
             root: root.to_owned(),
             arguments,
-            needs_force: name == "calibrate",
+            needs_force: ["calibrate", "scenes", "demo", "suite", "report"].contains(&name),
         }
     }
 
@@ -67,7 +81,9 @@ impl Case {
         let target =
             if self.arguments[0] == "calibrate" { format!("{out}/dial.json") } else { out.to_owned() };
         run.args(&self.arguments).args(["--out", &target]);
-        if again && self.needs_force {
+        // A run that was killed goes on by itself; one that was finished is not written over.
+        let is_unfinished = self.root.join(out).join(".sage-unfinished").exists();
+        if again && self.needs_force && !is_unfinished {
             run.arg("--force");
         }
         run

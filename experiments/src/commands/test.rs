@@ -70,7 +70,7 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
         file.write(junit::report(&name, &ego.label, &cases).as_bytes())?;
     }
     row::print(&rows, baseline.as_ref(), args)?;
-    Ok(row::ended(&rows, baseline.as_ref()))
+    Ok(row::ended(&rows, baseline.as_ref(), args))
 }
 
 /// Reads a suite.

@@ -205,7 +205,7 @@ pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
 }
 
 /// Says how many tests passed. Done unless a test counts against the driver.
-pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>) -> Outcome {
+pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestArgs) -> Outcome {
     let count = |result: TestResult| rows.iter().filter(|row| row.head.result == result).count();
     let [passed, failed, errors] = [TestResult::Passed, TestResult::Failed, TestResult::Error].map(count);
     let marked = rows.iter().filter(|row| row.mark().is_some()).count();
@@ -223,6 +223,13 @@ pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>) -> Outcome {
     if baseline.is_some() {
         text += &format!("; {} not in the baseline as failed", new.len());
         new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(&row.head.test)));
+    }
+    // A suite may hold its scenes in another format.
+    let scene = |row: &&&ResultRow| args.suite.join(format!("{}.safetensors", row.head.test)).is_file();
+    if let Some(row) = new.iter().find(scene) {
+        let scene = args.suite.join(format!("{}.safetensors", row.head.test)).display().to_string();
+        let [scene, ego] = [scene, args.ego.to_string()].map(output::quoted);
+        text += &format!("\nwatch one: sage simulate {scene} --ego {ego} --out watch/");
     }
     progress::say_lines(&text);
     if new.is_empty() && errors == 0 { Outcome::Done } else { Outcome::NotHeld }

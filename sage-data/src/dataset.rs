@@ -37,6 +37,16 @@ pub fn file_name(dataset: &str, version: &str, scene: &str) -> String {
 }
 
 /// One of several parts of the scenes of a folder, for runs on several machines.
+///
+/// ```
+/// use sage_data::dataset::{Shard, file_name};
+///
+/// // Each scene is in one shard of three, wherever and in whichever order the shards run.
+/// let holds = |scene: &str| (1..=3).filter(|number| Shard { number: *number, of: 3 }.holds(scene)).count();
+/// assert!(["crossing", "merge-1-0", "42"].into_iter().all(|scene| holds(scene) == 1));
+/// // Underscores separate the parts of a file name, so data set and version have none.
+/// assert_eq!(file_name("my_own", "v1.2", "crossing"), "sd_my-own_v1.2_crossing.pkl");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// Number of the shard, 1 to `of`.

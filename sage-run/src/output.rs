@@ -77,6 +77,22 @@ pub fn keep_planner_logs(folder: &Folder, extent: Extent, egos: &[Ego]) -> Resul
 }
 
 /// An output folder that only this run writes to.
+///
+/// ```
+/// use sage_run::output::Folder;
+///
+/// let parent = tempfile::tempdir()?;
+/// let path = parent.path().join("results");
+/// let folder = Folder::make(&path, false)?;
+/// folder.write("table.md", b"| driver |")?;
+/// assert_eq!(std::fs::read(path.join("table.md"))?, b"| driver |");
+/// // One run at a time writes to it, and a folder with results is refused unless it is asked for.
+/// assert!(Folder::make(&path, true).is_err(), "in use");
+/// drop(folder);
+/// assert!(Folder::make(&path, false).is_err(), "not empty");
+/// assert!(Folder::make(&path, true).is_ok());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Folder {
     path: PathBuf,
     claim: OutputLock,

@@ -20,6 +20,17 @@ use crate::{
 pub const LONGEST_FILE_NAME: usize = 255;
 
 /// Which scene files are written of an attack.
+///
+/// ```
+/// use advsage::attacked_files::{AttackFormats, names_of_file};
+/// use sage_data::Format;
+///
+/// let formats: AttackFormats = "both".parse()?;
+/// assert_eq!(formats.formats(), [Format::Pickle, Format::Native]);
+/// // Names are `SCENE-VARIANT`; a scene may have hyphens too.
+/// assert!(names_of_file("sd_waymo_v1.2_crossing-lambda1.pkl").contains(&"crossing-lambda1"));
+/// # Ok::<(), String>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AttackFormats {
     /// Files of one format.

@@ -17,6 +17,17 @@ const SERVE: [&str; 3] = ["python3", "-m", "advsage.serve"];
 const MOST_BESIDE: usize = 1000;
 
 /// A driver by name: `idm`, `td3:FILE`, `cmd:COMMAND`, `py:MODULE:CLASS`, each also as `NAME=…`, which tables then show.
+///
+/// ```
+/// use advsage::DriverSpec;
+///
+/// let spec: DriverSpec = "mine=cmd:python3 planner.py --fast".parse()?;
+/// assert_eq!((spec.name.as_deref(), spec.is_program()), (Some("mine"), true));
+/// assert_eq!(spec.command(), Some(["python3", "planner.py", "--fast"].map(str::to_owned).to_vec()));
+/// let spec: DriverSpec = "td3:driver.safetensors".parse()?;
+/// assert_eq!((spec.file(), spec.part().name.as_str()), (Some("driver.safetensors"), "td3"));
+/// # Ok::<(), String>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct DriverSpec {
     /// Name that the user gives it.

@@ -12,6 +12,23 @@ use serde_json::{Value, json};
 use crate::{Error, Registries, Result, driver_spec::DriverSpec, references};
 
 /// A driver under test.
+///
+/// ```
+/// use std::{path::Path, sync::Arc};
+///
+/// use advsage::{DriverInScene, Ego, Recording, Registries};
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let registries = Registries::of_attacks()?;
+/// let scene = Arc::new(Recording::read(file)?.scene);
+/// let idm = Ego::named(r#"idm{"model": {"desired_speed": 8}}"#, &registries)?;
+/// assert_eq!(idm.name, "idm");
+/// // Four other drivers say whether its contacts are preventable; it is no reference for itself.
+/// assert!(idm.references.iter().all(|reference| reference.name != "idm"));
+/// let drive = DriverInScene::of(&scene, &idm, 0)?;
+/// assert_eq!(drive.test.unattacked_drive().steps, 90);
+/// # Ok::<(), advsage::Error>(())
+/// ```
 pub struct Ego {
     /// Its name.
     pub name: String,

@@ -6,6 +6,17 @@ use std::{error::Error as StdError, io};
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// An error of this crate, or of a crate below.
+///
+/// ```
+/// use std::path::Path;
+///
+/// use advsage::{Error, Recording, in_one_line};
+///
+/// let Err(error) = Recording::read(Path::new("nowhere.pkl")) else { return };
+/// // Errors of all crates below become one, and `within` says what was done.
+/// let error = Error::from(error).within("scene `7`");
+/// assert!(in_one_line(&error).starts_with("scene `7`: cannot read `nowhere.pkl`: "));
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

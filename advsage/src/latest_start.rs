@@ -67,6 +67,30 @@ pub fn nearest_to(all: &[Avoided], target: f64) -> Option<&Avoided> {
 }
 
 /// Chooses again among the candidates of an attack, and notes what was not found.
+///
+/// An attack of which the recorded ego could get out until 1.5 s before the contact:
+///
+/// ```
+/// use std::{path::Path, sync::Arc};
+///
+/// use advsage::{
+///     Against, AvoidanceOptions, GeneratorSpec, Prepared, Recording, Registries,
+///     latest_start::{avoidable_candidates, choose, nearest_to},
+///     sage_sim::avoidable::Avoidance,
+/// };
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let scene = Arc::new(Recording::read(file)?.scene);
+/// let recorded = Prepared::recorded(&scene)?;
+/// let sage = GeneratorSpec::named(r#"sage{"candidates": 16}"#)?.at(1.0, None).build(&Registries::of_attacks()?)?;
+/// let mut attack = sage.attacks(&recorded.ctx, Against::Recording)?.remove(0);
+///
+/// let avoidance = Avoidance::new(&recorded.ctx, AvoidanceOptions::default())?;
+/// let all = avoidable_candidates(&attack, &recorded.ctx, &sage.selection.objective, 1.0, &avoidance);
+/// choose(&mut attack, &all, 1.5);
+/// assert!(nearest_to(&all, 1.5).is_none_or(|nearest| nearest.candidate == attack.chosen));
+/// # Ok::<(), advsage::Error>(())
+/// ```
 pub fn choose(attack: &mut Attack, all: &[Avoided], target: f64) {
     let note = match nearest_to(all, target) {
         None => Some(format!("no candidate is an avoidable attack, for a latest start of {target} s")),

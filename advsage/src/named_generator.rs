@@ -39,6 +39,18 @@ pub struct GeneratorIdentity<'a> {
 /// What a user says of a generator. `generate`, `search` and `simulate` take these as options, with these texts, and programs set the
 /// fields. The keywords of Python have the same names and are written out in its signatures and `_advsage.pyi`, which tests compare with
 /// this; a study has lists of them.
+///
+/// ```
+/// use advsage::{GeneratorSpec, OperatingPoints, Registries};
+///
+/// let points = OperatingPoints::of_lambda([0.0, 0.5, 1.0]);
+/// let sage = GeneratorSpec { points, ..GeneratorSpec::named(r#"sage{"candidates": 16}"#)? };
+/// let sage = sage.build(&Registries::of_attacks()?)?;
+/// // One attack a scene for each operating point, with its name in file names.
+/// assert_eq!(sage.variants, ["lambda0.00", "lambda0.50", "lambda1.00"]);
+/// assert_eq!(sage.weights_name(), Some("procedural"));
+/// # Ok::<(), advsage::Error>(())
+/// ```
 #[derive(Clone, Debug, Deserialize)]
 #[cfg_attr(feature = "clap", derive(clap::Args), command(next_help_heading = "Attack"))]
 #[serde(default)]

@@ -16,6 +16,26 @@ use crate::{
 };
 
 /// What a user says of the plans of a search: those of a generator, or of the default pool if it names none.
+///
+/// ```
+/// use std::{path::Path, sync::Arc};
+///
+/// use advsage::{DriverInScene, Ego, GeneratorSpec, Recording, Registries, SearchOptions, SearchSpec};
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let registries = Registries::of_attacks()?;
+/// let scene = Arc::new(Recording::read(file)?.scene);
+/// let driver = Ego::named("constant-speed", &registries)?;
+/// let driven = DriverInScene::of(&scene, &driver, 0)?;
+///
+/// // The plans are 32 candidates of SAGE at λ = 1; the driver is tried against four of them.
+/// let generator = GeneratorSpec::named("sage")?.at(1.0, None);
+/// let search = SearchSpec { generator, plans: 32 }.build(&registries)?;
+/// let options = SearchOptions { budget: 4, require: "attack".parse()?, ..SearchOptions::default() };
+/// let (pool, found) = search.search(&driven, &options, 0)?;
+/// assert!(pool.plans.len() <= 32 && found.driven.len() <= 4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct SearchSpec {
     /// The generator. Its rule says what feasible means (`drivable` if it names none), its selection that of a generator that plans against

@@ -15,6 +15,16 @@ use crate::{Error, part::Part};
 const MOST_VALUES: usize = 1001;
 
 /// An operating point as the user gives it: by λ, by aggression, or by the weights of named experts.
+///
+/// ```
+/// use advsage::operating_point::OperatingPointSpec;
+/// use sage_merging::Range;
+///
+/// let point = OperatingPointSpec::at(0.5, None, Range::Simplex)?;
+/// // Without μ the selection weighs as the experts are mixed.
+/// assert_eq!((point.mu, point.variant().as_str()), (0.5, "lambda0.50"));
+/// # Ok::<(), advsage::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OperatingPointSpec {
     /// Aggression, if it determines λ and μ.
@@ -306,6 +316,16 @@ pub fn number(text: &str) -> Result<f64, String> {
 /// Parses `1`, `0,0.5,1` or `0:1:0.1`.
 ///
 /// *Errors*: no finite number, a step that does not lead to the end, or too many values.
+///
+/// ```
+/// use advsage::operating_point::{mix, sweep};
+///
+/// assert_eq!(sweep("0:1:0.25")?, [0.0, 0.25, 0.5, 0.75, 1.0]);
+/// assert_eq!(sweep("0,0.5")?, [0.0, 0.5]);
+/// assert!(sweep("1:0:0.25").is_err(), "the step leads away from 0");
+/// assert_eq!(mix("adversarial=0.5,lawful=0.5")?[1], ("lawful".to_owned(), 0.5));
+/// # Ok::<(), String>(())
+/// ```
 pub fn sweep(text: &str) -> Result<Vec<f64>, String> {
     let colons = text.matches(':').count();
     if colons != 0 && colons != 2 {

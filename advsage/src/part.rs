@@ -10,6 +10,18 @@ use serde_json::{Map, Value};
 pub(crate) const COMMAND: &str = "cmd:";
 
 /// Name and options of a registry entry.
+///
+/// ```
+/// use advsage::{Part, Registries};
+///
+/// let part: Part = r#"sage{"candidates": 64}"#.parse()?;
+/// assert_eq!((part.name.as_str(), &part.options["candidates"]), ("sage", &64.into()));
+/// assert_eq!(part.to_string(), r#"sage{"candidates":64}"#);
+/// // Options are checked when the part is built.
+/// assert!(part.build(&Registries::of_attacks()?.generators).is_ok());
+/// assert!(r#"sage{"candidates": -1}"#.parse::<Part>()?.build(&Registries::of_attacks()?.generators).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     /// Name in its registry.

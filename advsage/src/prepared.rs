@@ -37,6 +37,21 @@ pub fn drive(test: &AttackTest) -> Result<Context> {
 }
 
 /// A scene ready to be attacked: its recording, or a driver in it.
+///
+/// ```
+/// use std::{path::Path, sync::Arc};
+///
+/// use advsage::{Against, GeneratorSpec, Prepared, Recording, Registries};
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let scene = Arc::new(Recording::read(file)?.scene);
+/// let prepared = Prepared::recorded(&scene)?;
+/// let rule = GeneratorSpec::named("rule")?.build(&Registries::of_attacks()?)?;
+/// let attack = rule.attacks(&prepared.ctx, Against::Recording)?.remove(0);
+/// // The rule cuts in onto the ego's path, one frame ahead of it.
+/// assert_eq!(prepared.scores(&attack).collision, Some(true));
+/// # Ok::<(), advsage::Error>(())
+/// ```
 pub struct Prepared<'d> {
     /// The driver with its drive without an attack; `None` for the recording.
     pub test: Option<AttackTest<'d>>,
@@ -83,6 +98,26 @@ impl<'d> Prepared<'d> {
 }
 
 /// A driver in a scene, after its drive without an attack.
+///
+/// An attack that is planned against what a driver does, and its drive against it:
+///
+/// ```
+/// use std::{path::Path, sync::Arc};
+///
+/// use advsage::{Against, DriverInScene, Ego, GeneratorSpec, Recording, Registries};
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let registries = Registries::of_attacks()?;
+/// let scene = Arc::new(Recording::read(file)?.scene);
+/// let (driver, rule) = (Ego::named("constant-speed", &registries)?, GeneratorSpec::named("rule")?);
+/// let driven = DriverInScene::of(&scene, &driver, 0)?;
+/// let rule = rule.build(&registries)?;
+/// let attack = rule.attacks(&driven.ctx, Against::Driver(&driven.test))?.remove(0);
+/// let outcome = driven.drive(&attack)?;
+/// // It reacts to nothing; the drive ends at the contact.
+/// assert!(outcome.meets_adversary() && outcome.episode.steps() < 90);
+/// # Ok::<(), advsage::Error>(())
+/// ```
 pub struct DriverInScene<'d> {
     /// The driver with that drive.
     pub test: AttackTest<'d>,

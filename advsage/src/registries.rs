@@ -17,6 +17,17 @@ use sage_sim::{
 };
 
 /// Registries of the parts that are accepted by name.
+///
+/// ```
+/// use advsage::Registries;
+///
+/// let registries = Registries::of_attacks()?;
+/// // A program that attacks and drives needs no part that trains drivers.
+/// assert!(registries.policies.get("idm").is_ok() && registries.curricula.entries().is_empty());
+/// let error = registries.policies.get("idn").err().map(|error| error.to_string()).unwrap_or_default();
+/// assert!(error.starts_with("unknown policy `idn`; known: replay, idm, "));
+/// # Ok::<(), advsage::Error>(())
+/// ```
 pub struct Registries {
     /// Rewards and penalties.
     pub rewards: Registry<dyn Reward>,

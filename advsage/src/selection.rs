@@ -13,6 +13,19 @@ use crate::{Error, Registries, Result, part::Part};
 const LIMIT: u64 = 1 << 20;
 
 /// An objective for selection, with the name under which its dial is stored.
+///
+/// ```
+/// use advsage::{Registries, selection::Selection};
+///
+/// let registries = Registries::of_attacks()?;
+/// let natural = Selection::of(&registries, "natural", None)?;
+/// assert_eq!(natural.objective.spec().feasibility.name, "drivable");
+/// // An objective of your own, as JSON; the rule can be replaced.
+/// let early = r#"{"terms": [{"name": "adversarial", "weight": 1}]}"#;
+/// let early = Selection::of(&registries, early, Some(&"drivable".parse()?))?;
+/// assert_eq!(early.objective.spec().feasibility.name, "drivable");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Selection {
     /// Name of the preset or of the file.
     pub name: String,

@@ -75,6 +75,15 @@ impl NamedNetwork {
 }
 
 /// A prior with its experts.
+///
+/// ```
+/// use advsage::{Registries, weights::NamedExperts};
+///
+/// // Weights that are in the program: experts for λ = 0 and λ = 1, and one that keeps the traffic rules.
+/// let shipped = NamedExperts::load(&Registries::of_attacks()?.backbones, "procedural")?;
+/// assert_eq!(shipped.experts.names(), ["realistic", "adversarial", "lawful"]);
+/// # Ok::<(), advsage::Error>(())
+/// ```
 pub struct NamedExperts {
     /// Name that the user gave.
     pub name: String,

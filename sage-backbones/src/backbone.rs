@@ -78,6 +78,26 @@ pub trait MotionModel: Send + Sync {
 }
 
 /// A motion model with a name, options and parameters.
+///
+/// From features to probabilities and trajectories of the modes, by a network with its initial weights:
+///
+/// ```
+/// use sage_backbones::{backbone::finite, backbones};
+/// use sage_core::{generator::Observation, scene::SceneIndex};
+/// use sage_data::procedural::{Kind, generate};
+/// use serde_json::json;
+///
+/// let scene = generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?;
+/// let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone()))?;
+/// let network = backbones()?.build("densetnt", &json!({"hidden": 8}))?;
+/// let encoding = network.encode(network.features(&now, scene.adversary_index()?, None)?.into())?;
+///
+/// let log_probs: Vec<f64> = finite(&network.log_probs(&encoding)?)?;
+/// assert!((log_probs.iter().map(|log_prob| log_prob.exp()).sum::<f64>() - 1.0).abs() < 1e-4);
+/// // 80 positions (x, y) of each asked mode, in metres.
+/// assert_eq!(network.trajectories(&encoding, &[0, 5])?.dims(), [2, 80, 2]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Backbone: MotionModel {
     /// Name in the registry.
     fn name(&self) -> &'static str;

@@ -22,6 +22,18 @@ pub enum Sampling {
 /// Selects up to `k` modes, in descending order of log-probability, ties by lower index.
 ///
 /// `ends` are the end points of the modes; only suppression reads them. Only the Gumbel draw uses `rng`.
+///
+/// ```
+/// use sage_backbones::candidates::{Sampling, select};
+/// use sage_core::seed::Rng;
+///
+/// // The two likeliest modes end 1 m apart.
+/// let (log_probs, ends) = ([-0.5, -0.7, -2.0], [[40.0, 0.0], [41.0, 0.0], [20.0, 5.0]]);
+/// let mut rng = Rng::new(0, "scene", "candidates");
+/// assert_eq!(select(&log_probs, &ends, 2, Sampling::TopK, &mut rng), [0, 1]);
+/// // With a radius of 5 m the second is a neighbour of the first, and the third is taken instead.
+/// assert_eq!(select(&log_probs, &ends, 2, Sampling::Nms { radius: 5.0 }, &mut rng), [0, 2]);
+/// ```
 pub fn select(
     log_probs: &[f32],
     ends: &[[f32; 2]],

@@ -64,6 +64,22 @@ pub enum Layout {
 }
 
 /// Network inputs for one target agent.
+///
+/// ```
+/// use sage_backbones::features::{EdgeKinds, Features};
+/// use sage_core::{generator::Observation, motion::NOW, scene::SceneIndex};
+/// use sage_data::procedural::{Kind, generate};
+///
+/// let scene = generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?;
+/// let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone()))?;
+/// let features = Features::of(&now, scene.adversary_index()?, None, EdgeKinds::default())?;
+/// // Everything is relative to the target: its own position is the origin.
+/// let own = features.frame.frame_from_world(scene.adversary()?.point(NOW));
+/// assert!(own[0].abs() < 1e-9 && own[1].abs() < 1e-9);
+/// // A row of numbers for each goal that it could reach in 8 s.
+/// assert_eq!(features.goal_features.rows(), features.modes());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Features {
     /// Format of the rows.

@@ -17,6 +17,26 @@ pub use parameter_spec::ParameterSpec;
 pub use scope::Scope;
 
 /// The weights of a network, sorted by name.
+///
+/// ```
+/// use std::path::Path;
+///
+/// use sage_backbones::{
+///     Parameters,
+///     candle::{Device, Tensor},
+///     parameters::Header,
+/// };
+///
+/// let bias = Tensor::new(&[0.5_f32, -1.0], &Device::Cpu)?;
+/// let parameters = Parameters::from_iter([("bias".to_owned(), bias)]);
+/// let mut bytes = parameters.to_bytes(&Header::default())?;
+/// let (read, _) = Parameters::from_bytes(&bytes, Path::new("weights.safetensors"))?;
+/// assert_eq!(read.hash()?, parameters.hash()?);
+/// // The file holds a hash of its content: one changed bit is noticed.
+/// *bytes.last_mut().ok_or("no bytes")? ^= 1;
+/// assert!(Parameters::from_bytes(&bytes, Path::new("weights.safetensors")).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Parameters(BTreeMap<String, Tensor>);
 

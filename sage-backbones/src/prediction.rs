@@ -81,6 +81,20 @@ pub struct Distances {
 }
 
 /// Recorded future of a target.
+///
+/// How good predictions are, by the best of them:
+///
+/// ```
+/// use sage_backbones::prediction::Recorded;
+///
+/// let drive = |speed: f64| -> Vec<[f64; 2]> { (1..=80).map(|t| [0.1 * speed * f64::from(t), 0.0]).collect() };
+/// let recorded = Recorded { positions: drive(10.0), valid: vec![true; 80], heading: 0.0, speed: 10.0 };
+/// let (near, far) = (drive(10.1), drive(5.0));
+/// let distances = recorded.distances([&near[..], &far[..]]);
+/// // 0.1 m/s too fast for 8 s; more than 2 m at the end would be a miss.
+/// assert!((distances.min_fde - 0.8).abs() < 1e-9 && !distances.misses);
+/// assert!(recorded.distances([&far[..]]).misses);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Recorded {
     /// Positions at the 80 steps, world frame; arbitrary where not valid.

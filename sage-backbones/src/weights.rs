@@ -13,6 +13,29 @@ pub const PRIOR_FILE: &str = "prior.safetensors";
 pub const EXPERT_NOTE: &str = "expert";
 
 /// A source of weights: a prior and the files beside it.
+///
+/// A prior in a folder of weights, written and loaded again:
+///
+/// ```
+/// use sage_backbones::{
+///     backbones,
+///     parameters::Header,
+///     weights::{PRIOR_FILE, Weights},
+/// };
+/// use serde_json::json;
+///
+/// let network = backbones()?.build("densetnt", &json!({"hidden": 8}))?;
+/// let header =
+///     Header { backbone: network.name().to_owned(), options: network.options().clone(), ..Header::default() };
+/// let folder = tempfile::tempdir()?;
+/// network.parameters().save(&header, &folder.path().join(PRIOR_FILE))?;
+///
+/// // The header of the file says which network its tensors belong to.
+/// let (prior, _) = Weights::at(folder.path()).prior(&backbones()?)?;
+/// assert_eq!(prior.name(), "densetnt");
+/// assert_eq!(prior.parameters().hash()?, network.parameters().hash()?);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub enum Weights {
     /// The file of a prior; its folder holds the other files.

@@ -24,6 +24,17 @@ pub use seal::{Seal, SealScore, learned_scores, relative_paths, seal_reaction};
 /// Adds the generators of this crate.
 ///
 /// *Errors*: [`Error::Duplicate`] if the registry has one of their names.
+///
+/// ```
+/// use sage_baselines::with_baselines;
+/// use sage_generators::generators;
+///
+/// let all = with_baselines(generators()?)?;
+/// // KING searches from the recorded motion; SEAL reads learned parts from a file beside the prior.
+/// assert!(!all.build_default("king")?.facts().depends_on_lambda);
+/// assert_eq!(all.build_default("seal")?.files(), ["seal.safetensors"]);
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub fn with_baselines(generators: Registry<dyn GeneratorKind>) -> Result<Registry<dyn GeneratorKind>, Error> {
     generators
         .with::<SealScore>()?

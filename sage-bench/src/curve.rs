@@ -55,6 +55,17 @@ impl Point {
 }
 
 /// For each scene, the values at every point.
+///
+/// ```
+/// use sage_bench::curve::{Curve, Point};
+///
+/// // Two scenes at λ = 0 and 1: neither is attacked at first, one at the end.
+/// let attack = |attack| Point { attack, ..Point::default() };
+/// let curve = Curve { scenes: vec![vec![attack(0.0), attack(1.0)], vec![attack(0.0), attack(0.0)]] };
+/// let rise = curve.estimate(|front| front[1].attack - front[0].attack).ok_or("no scenes")?;
+/// assert_eq!((rise.value, rise.n), (0.5, 2));
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curve {
     /// By scene, then by point.
@@ -135,6 +146,16 @@ impl Path {
 }
 
 /// Area that a front dominates, up to the reference point: larger reward and smaller penalty are better.
+///
+/// ```
+/// use sage_bench::curve::{Point, hypervolume};
+///
+/// let point = |reward, penalty| Point { reward, penalty, ..Point::default() };
+/// // R_adv 1 at a P_real of 2, and 3 at 4: rectangles up to the reference point (0, 6).
+/// assert_eq!(hypervolume(&[point(1.0, 2.0), point(3.0, 4.0)]), 1.0 * 4.0 + 2.0 * 2.0);
+/// // A point that another one dominates adds nothing.
+/// assert_eq!(hypervolume(&[point(3.0, 4.0), point(2.0, 5.0)]), 6.0);
+/// ```
 pub fn hypervolume(front: &[Point]) -> f64 {
     let gain = |p: &Point| [p.reward - REFERENCE[0], REFERENCE[1] - p.penalty];
     let mut points: Vec<[f64; 2]> = front.iter().map(gain).filter(|[x, y]| *x > 0.0 && *y > 0.0).collect();

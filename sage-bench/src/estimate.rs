@@ -33,6 +33,18 @@ const QUANTILES: f64 = 1.959_964 + 0.841_621;
 
 /// Values of a metric: for each training seed and each scene a weighted sum and its weight. A scene in which nothing
 /// was measured has weight 0. All seeds have the same scenes.
+///
+/// ```
+/// use sage_bench::estimate::Samples;
+/// use sage_core::metric::Aggregate;
+///
+/// // In three scenes the driver had a contact in one; in a fourth nothing was measured.
+/// let samples = Samples::of([Some(1.0), Some(0.0), None, Some(0.0)]);
+/// let rate = samples.estimate(Aggregate::Share, "contact").ok_or("nothing was measured")?;
+/// assert_eq!(rate.n, 3);
+/// assert!((rate.value - 1.0 / 3.0).abs() < 1e-12 && rate.low < 0.07 && rate.high > 0.79);
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     /// By seed, then by scene.
@@ -303,6 +315,14 @@ impl Samples {
 }
 
 /// Holm's correction: p-values that may be compared with the level as they are.
+///
+/// ```
+/// use sage_bench::estimate::holm;
+///
+/// // Of three comparisons the smallest p counts three times, the next twice; none is smaller than one before it.
+/// let adjusted = holm(&[0.01, 0.04, 0.03]);
+/// assert!(adjusted.iter().zip([0.03, 0.06, 0.06]).all(|(p, expected)| (p - expected).abs() < 1e-12));
+/// ```
 pub fn holm(ps: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..ps.len()).collect();
     order.sort_by(|a, b| ps[*a].total_cmp(&ps[*b]));

@@ -24,6 +24,19 @@ use theory_checks::{Check, claims};
 use crate::study::SHIPPED;
 
 /// Parts that attack, drive and train, and what studies and the theory add.
+///
+/// A metric of your own becomes a column of studies:
+///
+/// ```
+/// use sage_bench::Registries;
+/// use sage_core::metric::Metric;
+///
+/// let mut registries = Registries::shipped()?;
+/// let stands = Metric::share("stands", |drive: &sage_sim::unattacked::UnattackedDrive| Some(drive.steps == 0));
+/// registries.metrics.drive = registries.metrics.drive.with(stands.less_is_better())?;
+/// assert!(registries.metrics.drive.by_names(&["stands".to_owned()]).is_ok());
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub struct Registries {
     /// Parts that attack, drive and train.
     pub parts: advsage::Registries,

@@ -55,6 +55,25 @@ const MOST_SHARES: usize = 101;
 pub const MAX_STUDY_FILE: u64 = 1 << 20;
 
 /// A study.
+///
+/// ```
+/// use sage_bench::study::Study;
+///
+/// let text = "
+/// study: drivers
+/// summary: how often idm touches the adversary
+/// measure: [drive]
+/// ego: [idm]
+/// selection: natural
+/// metrics: {drive: ['*']}
+/// ";
+/// let mut study = Study::parse(text, "drivers.yaml")?;
+/// // An axis is replaced as on the command line.
+/// study.set("ego=idm,replay")?;
+/// assert_eq!(study.ego, ["idm", "replay"]);
+/// assert!(study.set("driver=idm").is_err());
+/// # Ok::<(), sage_bench::Error>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Study {

@@ -53,6 +53,17 @@ pub fn norm(a: Point) -> f64 {
 }
 
 /// The angle of the same direction in (−π, π].
+///
+/// ```
+/// use std::f64::consts::PI;
+///
+/// use sage_core::geometry::wrap_angle;
+///
+/// // From 170° to −170° is a turn of 20° to the left, not of 340° to the right.
+/// let turn = wrap_angle((-170.0_f64).to_radians() - 170.0_f64.to_radians());
+/// assert!((turn - 20.0_f64.to_radians()).abs() < 1e-12);
+/// assert_eq!(wrap_angle(-PI), PI);
+/// ```
 #[inline]
 pub fn wrap_angle(angle: f64) -> f64 {
     use std::f64::consts::{PI, TAU};

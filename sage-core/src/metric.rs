@@ -64,6 +64,24 @@ type Value<S> = Arc<dyn Fn(&S) -> Option<f64> + Send + Sync>;
 type Note<S> = Arc<dyn Fn(&S) -> Option<String> + Send + Sync>;
 
 /// A named value of a result `S`.
+///
+/// ```
+/// use sage_core::metric::{Metric, Metrics};
+///
+/// /// A result, of which metrics are columns of a table.
+/// struct Drive {
+///     metres: f64,
+///     contact: Option<f64>,
+/// }
+///
+/// let metrics = Metrics::default()
+///     .with(Metric::mean("distance", |drive: &Drive| Some(drive.metres)).unit("m").more_is_better())?
+///     .with(Metric::median("contact after", |drive: &Drive| drive.contact).unit("s"))?;
+/// let drive = Drive { metres: 61.5, contact: None };
+/// // Without a contact there is no time of it: not measured, not 0.
+/// assert_eq!(metrics.all().iter().map(|metric| metric.value(&drive)).collect::<Vec<_>>(), [Some(61.5), None]);
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub struct Metric<S: ?Sized> {
     /// What it is.
     pub info: MetricInfo,

@@ -43,6 +43,20 @@ pub enum Pairing {
 
 /// Preference pairs of a group of candidates: at most `most`, drawn with a seed from those that differ by
 /// more than `margin` in reward or in feasibility. Empty if no two candidates differ.
+///
+/// ```
+/// use sage_core::{
+///     preference_pairs::{Pairing, ScoredCandidate, preference_pairs},
+///     seed::Rng,
+/// };
+///
+/// // The infeasible candidate has the largest reward, and still loses.
+/// let scored = [(2.0, true), (9.0, false), (1.0, true)];
+/// let candidates = scored.map(|(reward, is_feasible)| ScoredCandidate { reward, is_feasible });
+/// let pairs = preference_pairs(&candidates, Pairing::Hierarchical, 8, 0.2, &mut Rng::new(0, "scene", "pairs"));
+/// assert!(pairs.iter().all(|pair| pair.winner != 1));
+/// assert!(pairs.iter().any(|pair| (pair.winner, pair.loser, pair.by_feasibility) == (0, 2, false)));
+/// ```
 pub fn preference_pairs(
     candidates: &[ScoredCandidate],
     pairing: Pairing,

@@ -9,6 +9,40 @@ use serde_json::Value;
 use crate::Error;
 
 /// A part that a registry of `T` can hold: one file per implementation.
+///
+/// A reward of your own joins those that are shipped, under its name:
+///
+/// ```
+/// # use sage_core::objective::{Situation, rewards};
+/// use sage_core::{
+///     objective::Reward,
+///     registry::{Entry, NoOptions},
+/// };
+///
+/// struct Distance;
+/// #
+/// # impl Reward for Distance {
+/// #     fn score(&self, situation: &Situation) -> Option<f64> {
+/// #         Some(situation.encounter.least_distance)
+/// #     }
+/// # }
+///
+/// impl Entry<dyn Reward> for Distance {
+///     const NAME: &'static str = "distance";
+///     const SUMMARY: &'static str = "least distance of the centres, metres";
+///     const SOURCE: &'static str = "an example";
+///     type Options = NoOptions;
+///
+///     fn build(_: NoOptions) -> Result<Box<dyn Reward>, String> {
+///         Ok(Box::new(Self))
+///     }
+/// }
+///
+/// let rewards = rewards()?.with::<Distance>()?;
+/// assert!(rewards.build_default("distance").is_ok());
+/// assert!(rewards.with::<Distance>().is_err(), "the name is taken");
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub trait Entry<T: ?Sized> {
     /// Name on the command line, in configs and in tables.
     const NAME: &'static str;
@@ -45,6 +79,23 @@ pub struct Registered<T: ?Sized> {
 }
 
 /// The registered parts of one kind.
+///
+/// A registry is a value that is passed on. Parts are built from their names and options:
+///
+/// ```
+/// use sage_core::objective::rewards;
+/// use serde_json::json;
+///
+/// let rewards = rewards()?;
+/// let entry = rewards.get("adversarial")?;
+/// assert_eq!(entry.summary, "early contact with the ego, else closeness");
+/// assert_eq!(entry.defaults, json!({"min_depth": 0.0}));
+/// assert!(rewards.build("adversarial", &json!({"min_depth": 0.5})).is_ok());
+/// // Misspelt names and options are errors that say what is known.
+/// let error = rewards.get("adversial").err().map(|error| error.to_string()).unwrap_or_default();
+/// assert!(error.starts_with("unknown reward `adversial`; known: adversarial, "));
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub struct Registry<T: ?Sized> {
     kind: &'static str,
     entries: Vec<Registered<T>>,

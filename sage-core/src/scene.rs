@@ -40,6 +40,23 @@ use crate::{
 ///
 /// Readers guarantee: finite numbers, at least [`crate::motion::HISTORY`] frames, tracks of equal
 /// length, unique track ids, an ego that is valid *now*, positive sizes on valid frames.
+///
+/// `scene` is a road with two cars, of which the one ahead is the adversary:
+///
+/// ```
+/// use sage_core::motion::NOW;
+///
+/// # let scene = include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs"));
+/// // 80 steps of 0.1 s follow *now*.
+/// assert_eq!(scene.horizon(), 80);
+/// assert_eq!(scene.ego().point(NOW), [0.0, 0.0]);
+/// assert_eq!(scene.adversary()?.point(NOW), [20.0, 4.0]);
+/// // The roles change by the ids of tracks; the content of the scene does not.
+/// let exchanged = scene.clone().with_roles(Some("other"), Some("ego"))?;
+/// assert_eq!(exchanged.ego().id, "other");
+/// assert_eq!(exchanged.content_hash(), scene.content_hash());
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// Identifier that the file gives.

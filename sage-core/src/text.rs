@@ -63,6 +63,18 @@ pub fn push_markup(out: &mut String, c: char) {
 }
 
 /// A number with its noun: `1 scene`, `2 scenes`.
+///
+/// ```
+/// use sage_core::text::{count, escaped_name, natural_order};
+///
+/// assert_eq!((count(1, "scene"), count(2, "search")), ("1 scene".to_owned(), "2 searches".to_owned()));
+/// // A name from a file cannot clear the terminal or begin a new line.
+/// assert_eq!(escaped_name("a\u{1b}[2J\nb"), "a\\u{1b}[2J\\nb");
+/// // Numbers count by value.
+/// let mut names = ["10.pkl", "9.pkl"];
+/// names.sort_by(|a, b| natural_order(a, b));
+/// assert_eq!(names, ["9.pkl", "10.pkl"]);
+/// ```
 pub fn count(number: usize, noun: &str) -> String {
     let ending = match number {
         1 => "",

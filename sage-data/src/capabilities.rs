@@ -7,6 +7,17 @@ use crate::repairs::Repair;
 
 /// What the map and the road users of a scene have. Where something is missing, what needs it is not measured: off road
 /// without edges, red lights without lights, speeding without limits.
+///
+/// ```
+/// use sage_data::{Capabilities, procedural};
+///
+/// let scene = procedural::generate(procedural::Kind::Straight, 1, 0).ok_or("no scene for this seed")?;
+/// let has = Capabilities::of(&scene);
+/// // Leaving the road can be measured here, running over red cannot.
+/// assert!(has.edges && !has.lights);
+/// assert!(has.to_string().contains("not recorded: "));
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Capabilities {
     /// Road edges other than medians.

@@ -31,6 +31,19 @@ const FLICKER: usize = 3;
 const LONGEST: f64 = 100.0;
 
 /// Content of a scene in numbers.
+///
+/// ```
+/// use std::path::Path;
+///
+/// use sage_data::{Recording, checks::Summary};
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let summary = Summary::of("crossing", &Recording::read(file)?.scene);
+/// // History is frames 0 to *now*, 11 of them; 80 follow.
+/// assert_eq!((summary.adversary_history, summary.horizon), (11, 80));
+/// assert!(summary.tracks["VEHICLE"] >= 2 && summary.capabilities.edges);
+/// # Ok::<(), sage_data::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// Name of the file without its extension.

@@ -30,13 +30,24 @@ pub const MAPPING: &str = "dataset_mapping.pkl";
 
 /// Name of a scene's pickle in a data set, as ScenarioNet builds it: `sd_<dataset>_<version>_<scene>.pkl`.
 ///
-/// Dataset and version come from files, so any character other than a letter, digit, `.` or `-` becomes `-`.
-/// Then no name leads out of its folder, and underscores separate only the parts.
+/// Dataset and version come from files, so any character other than a letter, digit, `.` or `-` becomes `-`, and so do separators
+/// of folders in the name of a scene. Then no name leads out of its folder, and underscores separate the first parts.
 pub fn file_name(dataset: &str, version: &str, scene: &str) -> String {
+    let scene = scene.replace(['/', '\\'], "-");
     format!("sd_{}_{}_{scene}.pkl", names::plain(dataset), names::plain(version))
 }
 
 /// One of several parts of the scenes of a folder, for runs on several machines.
+///
+/// ```
+/// use sage_data::dataset::{Shard, file_name};
+///
+/// // Each scene is in one shard of three, wherever and in whichever order the shards run.
+/// let holds = |scene: &str| (1..=3).filter(|number| Shard { number: *number, of: 3 }.holds(scene)).count();
+/// assert!(["crossing", "merge-1-0", "42"].into_iter().all(|scene| holds(scene) == 1));
+/// // Underscores separate the parts of a file name, so data set and version have none.
+/// assert_eq!(file_name("my_own", "v1.2", "crossing"), "sd_my-own_v1.2_crossing.pkl");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// Number of the shard, 1 to `of`.

@@ -31,6 +31,20 @@ const MAX_LEVELS: usize = 64;
 /// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for a folder without
 /// scenes, [`Error::Field`] for a summary whose names are not file names, [`Error::Shard`] for a shard without
 /// records that is named itself. Such a shard in a folder is listed as a file, which cannot be read.
+///
+/// ```
+/// use sage_data::{Recording, folder::scene_files, procedural};
+///
+/// let folder = tempfile::tempdir()?;
+/// let scene = procedural::generate(procedural::Kind::Straight, 1, 0).ok_or("no scene for this seed")?;
+/// for name in ["scene-10.pkl", "scene-9.pkl", "notes.txt"] {
+///     Recording::procedural(scene.clone()).write(&folder.path().join(name))?;
+/// }
+/// // Scene files alone, in natural order: 9 comes before 10.
+/// let found = scene_files(folder.path())?;
+/// assert_eq!(found, ["scene-9.pkl", "scene-10.pkl"].map(|name| folder.path().join(name)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut scenes = Vec::new();
     let is_folder = path.is_dir();

@@ -8,6 +8,20 @@ use crate::{
 
 /// Formats of scene files. Commands and Python take from it what they offer; a new one has its arm in each `match` and its place in
 /// [`Format::ALL`].
+///
+/// ```
+/// use sage_data::Format;
+///
+/// # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl");
+/// // The content decides, not the name.
+/// assert_eq!(Format::of(&std::fs::read(file)?), Some(Format::Pickle));
+/// assert_eq!(Format::of(b"no scene at all"), None);
+/// assert_eq!(Format::named("native").map(Format::ending), Some("safetensors"));
+/// // Of all formats, which can be read but not written?
+/// let read_alone: Vec<Format> = Format::ALL.into_iter().filter(|format| !format.is_written()).collect();
+/// assert_eq!(read_alone, [Format::Parquet]);
+/// # Ok::<(), std::io::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// A native file: safetensors.

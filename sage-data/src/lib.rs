@@ -13,10 +13,27 @@
 //!   and maps.
 //! - [`procedural`] generates scenes; [`split`] chooses some of a list.
 //!
-//! ```no_run
-//! let recording = sage_data::Recording::read("scene.pkl".as_ref())?;
-//! println!("{} tracks", recording.scene.tracks.len());
-//! # Ok::<(), sage_data::Error>(())
+//! From a file to the scores of what its adversary really did:
+//!
+//! ```
+//! use std::{path::Path, sync::Arc};
+//!
+//! use sage_core::{
+//!     motion::{NOW, Trajectory},
+//!     objective::{Context, ContextOptions, Scorer},
+//!     scene::SceneIndex,
+//! };
+//! use sage_data::Recording;
+//!
+//! # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+//! let scene = Arc::new(Recording::read(file)?.scene);
+//! let index = SceneIndex::new(scene.map.clone());
+//! let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
+//!
+//! let log = (1..=80).map(|step| ctx.adversary().point(NOW + step)).collect();
+//! let scores = Scorer::new(&ctx).scores(&ctx.candidate(Trajectory::new("log", log)?));
+//! assert!(scores.feasible && scores.collision == Some(false));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 #[cfg(feature = "argoverse2")]

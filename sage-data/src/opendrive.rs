@@ -43,6 +43,18 @@ const CURVE: usize = 9;
 const FIRST_JUNCTION: usize = 100_001;
 
 /// A road network that a scenario refers to.
+///
+/// ```
+/// use sage_data::{opendrive::RoadNetwork, procedural};
+///
+/// let scene = procedural::generate(procedural::Kind::FourWay, 1, 0).ok_or("no scene for this seed")?;
+/// let [x, y] = scene.ego().point(10);
+/// let network = RoadNetwork::of(&scene, [x.round(), y.round(), 0.0], None);
+/// assert!(network.xml.contains("<OpenDRIVE>"));
+/// // The name is a hash of the content: scenes on one map share the file.
+/// assert_eq!(network.file_name(), RoadNetwork::of(&scene, [x.round(), y.round(), 0.0], None).file_name());
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoadNetwork {
     /// The OpenDRIVE file.

@@ -69,6 +69,13 @@ impl Kind {
     ];
 
     /// Parses the name of a kind.
+    ///
+    /// ```
+    /// use sage_data::procedural::Kind;
+    ///
+    /// assert_eq!(Kind::from_name("t-junction"), Some(Kind::TJunction));
+    /// assert!(Kind::ALL.into_iter().all(|kind| Kind::from_name(kind.name()) == Some(kind)));
+    /// ```
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
@@ -88,6 +95,18 @@ impl Kind {
 }
 
 /// The scene of a kind, seed and number. `None` if no draw succeeds, which has not occurred.
+///
+/// ```
+/// use sage_data::procedural::{Kind, generate};
+///
+/// let scene = generate(Kind::Roundabout, 7, 0).ok_or("no scene for this seed")?;
+/// assert_eq!((scene.id.as_str(), scene.frames), ("roundabout-7-0", 91));
+/// // Kind, seed and number decide every bit.
+/// assert_eq!(generate(Kind::Roundabout, 7, 0).as_ref(), Some(&scene));
+/// // Every scene can be attacked.
+/// assert!(scene.check_apart_now().is_ok() && scene.attackable_horizon()? == 80);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn generate(kind: Kind, seed: u64, number: u64) -> Option<Scene> {
     let id = format!("{}-{seed}-{number}", kind.name());
     (0..DRAWS).find_map(|draw| draw_scene(kind, &id, &mut Rng::new(seed, &id, &format!("procedural {draw}"))))

@@ -3,6 +3,22 @@
 use serde::{Deserialize, Serialize};
 
 /// How a scene file is read. The default takes a file as it is and mends what is safe to mend ([`crate::repairs`]).
+///
+/// Three seconds into the recording, with another car in the ego's place:
+///
+/// ```
+/// use std::path::Path;
+///
+/// use sage_data::{ReadOptions, Recording};
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let other = Recording::read(file)?.scene.adversary()?.id.clone();
+/// let options = ReadOptions { now: Some(30), ego_track: Some(other.clone()), ..ReadOptions::default() };
+/// let scene = Recording::read_as(file, &options)?.scene;
+/// // Of 91 frames 60 follow frame 30.
+/// assert_eq!((scene.horizon(), &scene.ego().id), (60, &other));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReadOptions {

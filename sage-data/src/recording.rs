@@ -24,6 +24,22 @@ use crate::{
 pub const MAX_SCENE_FILE: u64 = 256 << 20;
 
 /// A scene and its source.
+///
+/// A scene file of one format becomes one of another:
+///
+/// ```
+/// use std::path::Path;
+///
+/// use sage_data::Recording;
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let recording = Recording::read(file)?;
+/// let native = recording.to_native()?;
+/// let again = Recording::from_bytes(Path::new("crossing.safetensors"), native)?;
+/// // The same scene, whichever file it came from.
+/// assert_eq!(again.scene.content_hash(), recording.scene.content_hash());
+/// # Ok::<(), sage_data::Error>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Recording {
     /// The file.

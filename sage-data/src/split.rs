@@ -16,6 +16,19 @@ const LIMIT: u64 = 16 << 20;
 /// Reads a split file.
 ///
 /// *Errors*: [`Error::Read`]; [`Error::Field`] if the file is not such a JSON object.
+///
+/// ```
+/// use sage_data::split::read_splits;
+///
+/// let folder = tempfile::tempdir()?;
+/// let file = folder.path().join("splits.json");
+/// std::fs::write(&file, r#"{"note": "by street", "train": [0, 7], "val": ["crossing"]}"#)?;
+/// let splits = read_splits(&file)?;
+/// // Numbers become names; what is no list is a note.
+/// assert_eq!((&splits["train"][..], &splits["val"][0][..]), (&["0".to_owned(), "7".to_owned()][..], "crossing"));
+/// assert_eq!(splits.len(), 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_splits(path: &Path) -> Result<Splits, Error> {
     use serde_json::Value;
     let bytes = sage_core::files::read_argument(path, LIMIT)

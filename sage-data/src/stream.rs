@@ -14,6 +14,16 @@ use crate::{
 };
 
 /// Files, pipes and shards that the user gave.
+///
+/// ```
+/// use sage_data::stream::Inputs;
+///
+/// # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl");
+/// // Files, folders and shards; scenes are counted before any is read.
+/// let inputs = Inputs::under(&[file.into()])?;
+/// assert_eq!((inputs.count(), inputs.items().count()), (Some(1), 1));
+/// # Ok::<(), sage_data::Error>(())
+/// ```
 pub struct Inputs {
     /// The folder that a file is listed relative to, and the file.
     files: Vec<(PathBuf, PathBuf)>,

@@ -19,6 +19,29 @@ use crate::{
 ///
 /// A pickle has all values that MetaDrive 0.4.3 reads. Object and number summaries are those of the variant,
 /// and all other values are those of the source.
+///
+/// The recorded scene with another future of its adversary, as a file of the same data set:
+///
+/// ```
+/// use std::path::Path;
+///
+/// use sage_core::motion::Trajectory;
+/// use sage_data::{Recording, VariantWriter};
+///
+/// # let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl"));
+/// let recording = Recording::read(file)?;
+/// let adversary = recording.scene.adversary_index()?;
+/// // The adversary stops where it is *now*.
+/// let stops = Trajectory::new("stops", vec![recording.scene.tracks[adversary].point(10); 80])?;
+/// let mut scene = recording.scene.clone();
+/// scene.tracks[adversary] = scene.tracks[adversary].following(&stops);
+///
+/// let bytes = VariantWriter::new(&recording)?.variant(&scene, r#"{"made": "by hand"}"#)?.to_pickle();
+/// let written = Recording::from_bytes(Path::new("variant.pkl"), bytes)?;
+/// assert_eq!(written.provenance()?.as_deref(), Some(r#"{"made": "by hand"}"#));
+/// assert_eq!(written.scene.tracks[adversary].point(90), written.scene.tracks[adversary].point(10));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct VariantWriter {
     path: PathBuf,
     /// The completed values of the file, and the scene as it was read; none for a procedural scene.

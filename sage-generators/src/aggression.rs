@@ -10,6 +10,17 @@ use serde::{Deserialize, Serialize};
 use crate::Error;
 
 /// Table of μ at a = 0, 1/n, … 1.
+///
+/// ```
+/// use sage_generators::Aggression;
+///
+/// // μ at the aggressions 0, 0.5 and 1; λ is the aggression itself.
+/// let dial = Aggression::new(vec![0.0, 0.1, 1.0])?;
+/// assert_eq!(dial.lambda_and_mu(0.5)?, (0.5, 0.1));
+/// assert_eq!(dial.lambda_and_mu(0.25)?, (0.25, 0.05));
+/// assert!(dial.lambda_and_mu(1.5).is_err());
+/// # Ok::<(), sage_generators::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
 pub struct Aggression {

@@ -10,6 +10,22 @@ use sage_core::{
 /// it. Nothing else changes.
 ///
 /// *Errors*: a scene without an adversary, or one too short to hold the attack.
+///
+/// ```
+/// use sage_core::motion::{NOW, Trajectory};
+/// use sage_data::procedural::{Kind, generate};
+/// use sage_generators::attacked;
+///
+/// let scene = generate(Kind::Merge, 1, 0).ok_or("no scene for this seed")?;
+/// let start = scene.adversary()?.point(NOW);
+/// let stops = Trajectory::new("stops", vec![start; 80])?;
+/// let changed = attacked(&scene, &stops)?;
+/// // The history stays, the future of the adversary is the plan, and nobody else changes.
+/// assert_eq!(changed.adversary()?.point(90), start);
+/// assert_eq!(changed.adversary()?.position[..=NOW], scene.adversary()?.position[..=NOW]);
+/// assert_eq!(changed.ego(), scene.ego());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::Error> {
     let adversary = scene.adversary_index()?;
     scene.attackable_horizon()?;

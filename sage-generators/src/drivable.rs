@@ -12,6 +12,21 @@ use sage_core::{
 
 /// Whether a car can follow a candidate: at every step it is within the thresholds of the kinematic penalty, it turns no
 /// more tightly than a car can, and touches none of the edges. The map is part of the observation.
+///
+/// ```
+/// use sage_core::{motion::Trajectory, objective::Body, scene::SceneIndex};
+/// use sage_data::procedural::{Kind, generate};
+/// use sage_generators::{is_drivable, logged_future};
+///
+/// let scene = generate(Kind::Straight, 1, 0).ok_or("no scene for this seed")?;
+/// let (body, index) = (Body::of(&scene)?, SceneIndex::new(scene.map.clone()));
+/// assert!(is_drivable(&body.candidate(logged_future(&scene)?), index.edges()));
+/// // From the same start at 90 m/s, which no car reaches in a step.
+/// let [x, y] = scene.adversary()?.point(10);
+/// let leap = (1..=80).map(|step| [x + 9.0 * f64::from(step), y]).collect();
+/// assert!(!is_drivable(&body.candidate(Trajectory::new("leap", leap)?), index.edges()));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn is_drivable(candidate: &Candidate, edges: &SegmentIndex) -> bool {
     is_within_limits(candidate.profile())
         && tight_turn(candidate, TURN).is_none()

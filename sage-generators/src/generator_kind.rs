@@ -59,6 +59,21 @@ impl Facts {
 }
 
 /// A kind of generator, with its options.
+///
+/// What a generator needs and knows is said before any weights are loaded:
+///
+/// ```
+/// use sage_generators::generators;
+///
+/// let generators = generators()?;
+/// let facts = |name: &str| generators.build_default(name).map(|kind| kind.facts());
+/// let (sage, rule) = (facts("sage")?, facts("rule")?);
+/// assert!(sage.needs_experts && sage.depends_on_lambda && sage.depends_on_mu);
+/// // The rule is built without experts, and has one attack a scene whatever λ is.
+/// assert!(!rule.needs_experts && !rule.uses_operating_point());
+/// assert_eq!(facts("most-likely")?.knows.to_string(), "history only");
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub trait GeneratorKind: Send + Sync {
     /// Properties of the generator.
     fn facts(&self) -> Facts;

@@ -16,6 +16,21 @@ pub use release::Release;
 /// All curricula of this crate. Add a line here to make a new one known everywhere.
 ///
 /// *Errors*: two have the same name.
+///
+/// ```
+/// use sage_core::seed::Rng;
+/// use sage_learn::curricula::curricula;
+/// use sage_sim::curriculum::{Progress, SuccessRates};
+///
+/// // The paper's curriculum attacks one episode in ten at first, and nine at the end.
+/// let (paper, success) = (curricula()?.build_default("paper")?, SuccessRates::default());
+/// let attacked = |share: f64| {
+///     let mut rng = Rng::new(0, "training", "curriculum");
+///     (0..1000).filter(|_| paper.draw(&Progress { share, success: &success }, &mut rng).is_some()).count()
+/// };
+/// assert!((80..120).contains(&attacked(0.0)) && (880..920).contains(&attacked(1.0)));
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub fn curricula() -> Result<Registry<dyn Curriculum>, Error> {
     Registry::new("curriculum").with::<Paper>()?.with::<Release>()?.with::<Constant>()?.with::<Adaptive>()
 }

@@ -28,6 +28,19 @@ pub trait SceneSampler: Send + Sync {
 const KEPT: u8 = 8;
 
 /// What happened in a scene so far.
+///
+/// ```
+/// use sage_learn::SceneRecord;
+///
+/// let mut record = SceneRecord::default();
+/// // Nothing is known: one of two.
+/// assert_eq!(record.success(), 0.5);
+/// record.count(0, Some(true));
+/// record.count(1, Some(true));
+/// // An attack that nobody could have avoided shows neither success nor failure.
+/// record.count(2, None);
+/// assert_eq!((record.visits, record.success()), (3, 0.75));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SceneRecord {
     /// Episodes in it.

@@ -25,6 +25,17 @@ pub enum Algorithm {
 }
 
 /// Options of a training run.
+///
+/// ```
+/// use sage_learn::{Algorithm, TrainingOptions};
+///
+/// let algorithm = Algorithm::Ppo;
+/// let options = TrainingOptions { algorithm, ppo_steps: 1, evaluations: 1, ..TrainingOptions::default() };
+/// // The last batch of PPO is a whole one.
+/// assert!(options.check().is_ok() && options.steps() > 1);
+/// let error = TrainingOptions { mirrored: 1.5, ..options }.check().err().map(|error| error.to_string());
+/// assert!(error.is_some_and(|error| error.contains("mirrored")));
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainingOptions {

@@ -24,6 +24,25 @@ pub const LAWFUL: &str = "lawful";
 
 /// A prior and its experts, checked: all have the same tensors, and tensors that fine-tuning does not
 /// change have the same bits.
+///
+/// Two experts that are still their prior, and the mixture at a λ:
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_backbones::{Backbone, backbones};
+/// use sage_merging::{ADVERSARIAL, ExpertSet, REALISTIC};
+/// use serde_json::json;
+///
+/// let prior: Arc<dyn Backbone> = backbones()?.build("densetnt", &json!({"hidden": 8}))?.into();
+/// let expert = |name: &str| (name.to_owned(), prior.parameters().clone());
+/// let experts = ExpertSet::new(prior.clone(), vec![expert(REALISTIC), expert(ADVERSARIAL)])?;
+/// assert_eq!(experts.between(0.75)?.weights(), [0.25, 0.75]);
+/// assert_eq!(experts.mixture(&[(ADVERSARIAL, 0.75)])?.weights(), [0.0, 0.75]);
+/// // Names are checked: there is no third expert.
+/// assert!(experts.mixture(&[("lawful", 1.0)]).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone)]
 pub struct ExpertSet {
     prior: Arc<dyn Backbone>,

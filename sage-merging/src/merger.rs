@@ -14,6 +14,24 @@ use crate::{Error, ExpertSet, TensorSet};
 ///
 /// Mergers of weights implement [`TensorMerger`] and thereby this trait. Mergers of outputs hold the
 /// experts and implement this trait directly.
+///
+/// A merger by its name, and the mixtures that it takes:
+///
+/// ```
+/// use sage_core::generator::Mixture;
+/// use sage_merging::mergers;
+///
+/// let mergers = mergers()?;
+/// let [within, beyond] = [0.5, 1.3].map(Mixture::between);
+/// // Interpolation stays between the experts; extrapolation goes on beyond the adversarial one.
+/// let range = mergers.build_default("linear")?.range();
+/// assert!(range.check_weights(2, &within).is_ok() && range.check_weights(2, &beyond).is_err());
+/// assert!(mergers.build_default("vector-extrapolation")?.range().check_weights(2, &beyond).is_ok());
+/// // Those that mix weights give one network for each λ; others mix what the experts say.
+/// assert!(mergers.build_default("linear")?.tensors().is_some());
+/// assert!(mergers.build_default("logit")?.tensors().is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Merger: Send + Sync {
     /// Range of accepted mixtures.
     fn range(&self) -> Range;
@@ -137,6 +155,26 @@ impl<T: TensorMerger> Merger for T {
 /// All weights at a mixture.
 ///
 /// *Errors*: one out of range; experts that cannot be mixed.
+///
+/// The weights at λ = 1 are those of the adversarial expert:
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_backbones::{Backbone, backbones};
+/// use sage_merging::{ADVERSARIAL, ExpertSet, REALISTIC, merged_weights, mergers};
+/// use serde_json::json;
+///
+/// let prior: Arc<dyn Backbone> = backbones()?.build("densetnt", &json!({"hidden": 8}))?.into();
+/// let expert = |name: &str| (name.to_owned(), prior.parameters().clone());
+/// let experts = ExpertSet::new(prior.clone(), vec![expert(REALISTIC), expert(ADVERSARIAL)])?;
+///
+/// let linear = mergers()?.build_default("linear")?;
+/// let linear = linear.tensors().ok_or("it mixes no weights")?;
+/// let merged = merged_weights(linear, &experts, &experts.between(1.0)?, 0)?;
+/// assert_eq!(merged.hash()?, experts.expert(ADVERSARIAL)?.hash()?);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn merged_weights(
     merger: &dyn TensorMerger,
     experts: &ExpertSet,
@@ -163,6 +201,22 @@ pub fn merged_weights(
 /// experts agree. At a corner the
 /// result is the expert's own values, and a value that all experts share is unchanged. `mix` gets one value
 /// of each expert and the prior's.
+///
+/// ```
+/// use sage_merging::{TensorSet, mix_numbers};
+///
+/// let experts = [vec![1.0, 5.0], vec![3.0, 5.0]];
+/// let tensor = TensorSet { name: "head.weight", prior: &[2.0, 0.0], experts: &experts };
+/// let mixed = |lambda: f64| {
+///     let (at, mut out) = ([1.0 - lambda, lambda], [0.0; 2]);
+///     mix_numbers(&tensor, &at, &mut out, |values, _| {
+///         values.iter().zip(at).map(|(value, weight)| f64::from(*value) * weight).sum()
+///     });
+///     out
+/// };
+/// // At λ = 1 the adversarial expert, bit for bit; a value on which the experts agree stays.
+/// assert_eq!((mixed(0.25), mixed(1.0)), ([1.5, 5.0], [3.0, 5.0]));
+/// ```
 pub fn mix_numbers(tensor: &TensorSet, at: &[f64], out: &mut [f32], mix: impl Fn(&[f32], f32) -> f64) {
     if let Some(corner) = corner(at) {
         out.copy_from_slice(&tensor.experts[corner]);

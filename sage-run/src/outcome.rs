@@ -17,6 +17,14 @@ use sage_core::{
 use crate::progress;
 
 /// Result of a command that ran to its end.
+///
+/// ```
+/// use sage_run::Outcome;
+///
+/// // What a scheduler sees: try again at 74, look at the scenes at 65, report a defect at 70.
+/// let codes = [Outcome::Done, Outcome::BadScenes, Outcome::Defect, Outcome::Retry].map(Outcome::code);
+/// assert_eq!(codes, [0, 65, 70, 74]);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// All work is done.

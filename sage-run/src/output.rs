@@ -82,6 +82,22 @@ const UNFINISHED: &str = ".sage-unfinished";
 const MARK_LIMIT: u64 = 1 << 20;
 
 /// An output folder that only this run writes to.
+///
+/// ```
+/// use sage_run::output::Folder;
+///
+/// let parent = tempfile::tempdir()?;
+/// let path = parent.path().join("results");
+/// let folder = Folder::make(&path, false)?;
+/// folder.write("table.md", b"| driver |")?;
+/// assert_eq!(std::fs::read(path.join("table.md"))?, b"| driver |");
+/// // One run at a time writes to it, and a folder with results is refused unless it is asked for.
+/// assert!(Folder::make(&path, true).is_err(), "in use");
+/// drop(folder);
+/// assert!(Folder::make(&path, false).is_err(), "not empty");
+/// assert!(Folder::make(&path, true).is_ok());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Folder {
     path: PathBuf,
     claim: OutputLock,

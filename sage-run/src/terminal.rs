@@ -10,6 +10,16 @@ use serde::Serialize;
 /// value.
 ///
 /// *Errors*: those of the output.
+///
+/// ```
+/// use sage_run::terminal::json_line;
+///
+/// // A name from a file that would clear the screen; parsers read the same name.
+/// let mut line = Vec::new();
+/// json_line(&mut line, &"a\u{9b}2J")?;
+/// assert_eq!(line, b"\"a\\u009b2J\"\n");
+/// # Ok::<(), std::io::Error>(())
+/// ```
 pub fn json_line(out: &mut impl io::Write, value: &impl Serialize) -> io::Result<()> {
     write_json_line(out, &serde_json::to_string(value)?)
 }

@@ -26,6 +26,29 @@ use crate::{
 };
 
 /// A driver in one scene, with its drive before the attack.
+///
+/// A driver that follows the recording, without an attack and under one:
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_core::scene::SceneIndex;
+/// use sage_data::procedural::{Kind, attacks, generate};
+/// use sage_sim::{SimScene, attack_test::AttackTest, policy::policies};
+///
+/// let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
+/// let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// let replay = policies()?.build_default("replay")?;
+/// let test = AttackTest::new(&*replay, &simulated, 0)?;
+/// assert!(test.unattacked().contacts.is_empty());
+///
+/// let outcomes = attacks(&scene).into_iter().map(|(_, plan)| test.attack(&plan, true));
+/// let outcomes = outcomes.collect::<Result<Vec<_>, _>>()?;
+/// // An attack works if the first contact is with the adversary, and not there without it.
+/// let works = outcomes.iter().filter(|outcome| outcome.verdict.attack).collect::<Vec<_>>();
+/// assert!(!works.is_empty() && works.iter().all(|outcome| outcome.meets_adversary()));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct AttackTest<'p> {
     policy: &'p dyn EgoPolicy,
     scene: Arc<SimScene>,

@@ -83,6 +83,28 @@ impl Avoidable {
 }
 
 /// A scene and a path of the ego, prepared for all plans of the adversary.
+///
+/// When the last evasive manoeuvre from the recorded path begins:
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_core::{
+///     objective::{Context, ContextOptions},
+///     scene::SceneIndex,
+/// };
+/// use sage_data::procedural::{Kind, attacks, generate};
+/// use sage_sim::avoidable::{Avoidance, AvoidanceOptions};
+///
+/// let scene = Arc::new(generate(Kind::Straight, 1, 0).ok_or("no scene for this seed")?);
+/// let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
+/// let found: Vec<_> = attacks(&scene).into_iter().map(|(_, plan)| avoidance.of(&ctx.candidate(plan))).collect();
+/// // Asked of contacts alone. An avoidable one has a latest start, in seconds before the contact.
+/// assert!(found.iter().any(|found| found.avoidable == Some(true)));
+/// assert!(found.iter().all(|found| (found.avoidable == Some(true)) == found.latest_start.is_some()));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Avoidance {
     ctx: Context,
     surroundings: Surroundings,

@@ -62,6 +62,35 @@ pub struct Reset {
 }
 
 /// Environments that step together.
+///
+/// Three cars in one [`SimScene`](crate::SimScene), each with its own action:
+///
+/// ```
+/// # use sage_core::scene::SceneIndex;
+/// # use sage_data::procedural::{Kind, generate};
+/// # use sage_sim::{SimScene, environment::EnvironmentOptions};
+/// use std::sync::Arc;
+///
+/// use sage_sim::batch::{AutoReset, Batch, BatchOptions, BatchOutput, SceneOrder, Setting};
+///
+/// # let scene = Arc::new(generate(Kind::Straight, 1, 0).ok_or("no scene for this seed")?);
+/// # let scene = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// let setting = Setting {
+///     scenes: Arc::new(vec![scene]),
+///     order: SceneOrder::Random,
+///     rules: Arc::new(EnvironmentOptions::training()),
+///     adversary: None,
+/// };
+/// let auto_reset = AutoReset::Off;
+/// let options = BatchOptions { count: 3, auto_reset, share_experience: false, parallel: false };
+/// let (mut batch, mut out) = (Batch::new(setting, options)?, BatchOutput::default());
+///
+/// // One call a step for all; 101 numbers are observed in each environment.
+/// batch.reset_all(0, &mut out)?;
+/// batch.step(&[[0.0, 0.5], [0.0, 0.0], [0.0, -1.0]], &mut out)?;
+/// assert_eq!((out.observations.len(), out.rewards.len()), (3 * 101, 3));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Batch {
     setting: Setting,
     options: BatchOptions,

@@ -29,6 +29,20 @@ static YAW_ACCELERATION_FILTER: LazyLock<Filter> = LazyLock::new(|| Filter::new(
 ///
 /// Bounds: longitudinal acceleration −4.05 to 2.40 m/s², lateral 4.89 m/s², longitudinal jerk 4.13 m/s³, jerk of the
 /// magnitude 8.37 m/s³, yaw rate 0.95 rad/s, yaw acceleration 1.93 rad/s².
+///
+/// ```
+/// use sage_sim::{comfort::is_comfortable, vehicle::Motion};
+///
+/// // 3 s at 10 m/s, and then braking at a deceleration, m/s².
+/// let drive = |deceleration: f64| -> Vec<Motion> {
+///     let speed = |step: i32| 10.0 - deceleration * 0.1 * f64::from((step - 10).max(0));
+///     let at = |step| Motion { velocity: [speed(step), 0.0], ..Motion::default() };
+///     (0..=30).map(at).collect()
+/// };
+/// assert_eq!((is_comfortable(&drive(0.0)), is_comfortable(&drive(5.0))), (Some(true), Some(false)));
+/// // Too short to tell.
+/// assert_eq!(is_comfortable(&drive(0.0)[..10]), None);
+/// ```
 pub fn is_comfortable(motions: &[Motion]) -> Option<bool> {
     let last = motions.len().checked_sub(1).filter(|last| *last >= 14)?;
     let (mut along, mut across) = (Vec::with_capacity(last + 1), Vec::with_capacity(last + 1));

@@ -48,6 +48,33 @@ pub struct Recorded {
 }
 
 /// An episode of driving in one scene. A clone continues on its own.
+///
+/// The first step in a `scene`:
+///
+/// ```
+/// # use sage_core::scene::SceneIndex;
+/// # use sage_data::procedural::{Kind, generate};
+/// use std::sync::Arc;
+///
+/// use sage_sim::{
+///     SimScene,
+///     environment::{Environment, EnvironmentOptions},
+///     observation::LENGTH,
+///     vehicle::Action,
+/// };
+///
+/// # let scene = Arc::new(generate(Kind::Straight, 1, 0).ok_or("no scene for this seed")?);
+/// let scene = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// let mut environment = Environment::reset(scene, Arc::new(EnvironmentOptions::training()), None, 0)?;
+/// let mut observation = [0.0; LENGTH];
+/// environment.observe(&mut observation);
+/// assert!(observation.iter().all(|number| (0.0..=1.0).contains(number)));
+///
+/// // The reward of a step is the progress along the route in metres, 0.1 s of driving.
+/// let outcome = environment.step(Action { steer: 0.0, throttle: 0.5 })?;
+/// assert_eq!(outcome.reward, outcome.progress);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone)]
 pub struct Environment {
     options: Arc<EnvironmentOptions>,

@@ -68,6 +68,29 @@ impl EpisodeContact {
 }
 
 /// A drive up to the first contact, and what happened in it. Times are frames; *now* is frame 10.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_core::scene::SceneIndex;
+/// use sage_data::procedural::{Kind, attacks, generate};
+/// use sage_sim::{SimScene, episode::Episode, policy::policies, traffic::Plan};
+///
+/// let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
+/// let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// let replay = policies()?.build_default("replay")?;
+///
+/// // The recording has no contact. Some change of the adversary's speed or lane brings one about.
+/// let unchanged = Episode::run(&simulated, None, &*replay, 0)?;
+/// assert_eq!((unchanged.steps(), unchanged.contacts.len()), (90, 0));
+/// let adversary = scene.adversary_index()?;
+/// let hits = |plan: Plan| Episode::run(&simulated, Some(plan.into()), &*replay, 0);
+/// let plans = attacks(&scene).into_iter().map(|(_, plan)| hits(Plan::of_adversary(&scene, &plan)?));
+/// let episodes = plans.collect::<Result<Vec<_>, _>>()?;
+/// let meets = |episode: &Episode| episode.first_contacts().any(|met| met.contact.other.track == adversary);
+/// assert!(episodes.iter().any(meets));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Episode {
     /// The drive up to its end.

@@ -37,6 +37,17 @@ const SPARE: f64 = 0.2;
 const LANE_REACH: f64 = 2.5;
 
 /// The rule that says who is at fault.
+///
+/// ```
+/// use sage_sim::fault::{FaultClass, FaultRule};
+///
+/// assert_eq!(FaultRule::ALL.map(FaultRule::name), ["nuplan", "careful"]);
+/// // Which edge met which decides, not who was right.
+/// assert_eq!(FaultClass::ActiveFront.is_at_fault(), Some(true));
+/// assert_eq!(FaultClass::ActiveRear.is_at_fault(), Some(false));
+/// // A side contact cannot be judged on a map without lanes.
+/// assert_eq!(FaultClass::LateralUnknown.is_at_fault(), None);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FaultRule {

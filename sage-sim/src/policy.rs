@@ -132,6 +132,42 @@ impl fmt::Display for Knowledge {
 /// A driving policy.
 ///
 /// Implementations are pure: the same scene, seed and views give the same controls.
+///
+/// A driver of your own, which brakes fully at every step, in a [`SimScene`]:
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::scene::SceneIndex;
+/// # use sage_data::procedural::{Kind, generate};
+/// use sage_sim::{Error, SimScene, episode::Episode, vehicle::Action, world::Control};
+/// use sage_sim::policy::{Driver, EgoPolicy, Start, View};
+///
+/// #[derive(Clone)]
+/// struct Brakes;
+///
+/// impl EgoPolicy for Brakes {
+///     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
+///         Ok(Box::new(self.clone()))
+///     }
+/// }
+///
+/// impl Driver for Brakes {
+///     fn control(&mut self, _: &View) -> Result<Control, Error> {
+///         Ok(Control::Drive(Action { steer: 0.0, throttle: -1.0 }))
+///     }
+///
+///     fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+///         Ok(Box::new(self.clone()))
+///     }
+/// }
+///
+/// # let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
+/// # let scene = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// let episode = Episode::run(&scene, None, &Brakes, 0)?;
+/// let speed = |frame: usize| episode.drive.motions[frame].speed();
+/// assert!(speed(5) < speed(0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait EgoPolicy: Send + Sync {
     /// What the policy knows beyond its view.
     fn knows(&self) -> Knowledge {

@@ -25,6 +25,29 @@ use crate::{
 pub const DEFAULT: [&str; 4] = ["r157", "idm", "pdm", "expert"];
 
 /// A reference driver.
+///
+/// Whether a careful and competent driver prevents what the recorded ego does not:
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_core::scene::SceneIndex;
+/// use sage_data::procedural::{Kind, attacks, generate};
+/// use sage_sim::{SimScene, attack_test::AttackTest, policy::policies, reference::Reference};
+///
+/// let scene = Arc::new(generate(Kind::Straight, 1, 0).ok_or("no scene for this seed")?);
+/// let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// let (replay, r157) = (policies()?.build_default("replay")?, policies()?.build_default("r157")?);
+/// let references = [Reference { name: "r157".to_owned(), policy: r157 }];
+/// let test = AttackTest::new(&*replay, &simulated, 0)?.with_references(&references);
+///
+/// // It watches up to *now*, and then takes over; of the plan it knows nothing.
+/// let (_, plan) = attacks(&scene).remove(0);
+/// let prevention = test.watching()?.prevention(&plan)?;
+/// assert_eq!(prevention.answers.len(), 1);
+/// assert_eq!(prevention.by(), Some("r157").filter(|_| prevention.answers[0].prevents == Some(true)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Reference {
     /// Its name, as rows show it.
     pub name: String,

@@ -78,6 +78,18 @@ struct Run {
 }
 
 /// A polyline with arc length.
+///
+/// ```
+/// use sage_sim::route::{Localization, Route};
+///
+/// // 10 m east, then north.
+/// let route = Route::new(&[[0.0, 0.0], [10.0, 0.0], [10.0, 20.0]]);
+/// assert_eq!(route.length(), 30.0);
+/// // A point beside its second leg: 15 m along, 2 m to the right.
+/// let at = route.locate([12.0, 5.0], Localization::Nearest);
+/// assert_eq!((at.along, at.across), (15.0, 2.0));
+/// assert_eq!(route.point(at), [12.0, 5.0]);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
     legs: Vec<Leg>,

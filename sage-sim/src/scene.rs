@@ -42,6 +42,25 @@ fn is_finite(track: &Track, frame: usize) -> bool {
 }
 
 /// A scene with its map index, the ego's route, and its road lines. Cheap to share; build it once a scene.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_core::scene::SceneIndex;
+/// use sage_data::procedural::{Kind, generate};
+/// use sage_sim::SimScene;
+///
+/// let scene = Arc::new(generate(Kind::Curve, 1, 0).ok_or("no scene for this seed")?);
+/// let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// // The way that the ego drove, without its times: what drivers follow.
+/// let along = simulated.route().length();
+/// assert!(along > 5.0 && simulated.guide().length() >= along);
+/// // Another car in the ego's place shares the lines and edges of the map.
+/// let other = scene.adversary()?.id.clone();
+/// let exchanged = scene.as_ref().clone().with_roles(Some(&other), None)?;
+/// assert!(simulated.on_same_map(exchanged.into()).is_ok());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct SimScene {
     scene: Arc<Scene>,
     index: Arc<SceneIndex>,

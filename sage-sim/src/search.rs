@@ -166,6 +166,31 @@ pub type Replan<'r> = dyn FnMut(&Context) -> Result<Vec<(usize, Proposal)>, Core
 ///
 /// *Errors*: those of `replan`, and options of the search for evasive manoeuvres that are out of range. An error of the
 /// driver is no error of the search: the drive is noted and counts.
+///
+/// From plans to what a driver fails at in a `scene`, of which `simulated` is the [`SimScene`](crate::SimScene):
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::scene::SceneIndex;
+/// # use sage_data::procedural::{Kind, attacks, generate};
+/// # use sage_sim::{SimScene, policy::policies};
+/// use sage_core::{generator::Proposal, objective::feasibilities};
+/// use sage_sim::{attack_test::AttackTest, search::{Pool, SearchOptions, search}};
+///
+/// # let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
+/// # let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// let driver = policies()?.build_default("constant-speed")?;
+/// let test = AttackTest::new(&*driver, &simulated, 0)?;
+/// let (ctx, rule) = (test.context()?, feasibilities()?.build_default("paper")?);
+///
+/// // A pool holds the feasible ones of the plans; at most eight are driven against.
+/// let plans = attacks(&scene).into_iter().map(|(_, plan)| Proposal::of(plan)).collect();
+/// let mut pool = Pool::new(&ctx, &*rule, vec![plans], 256);
+/// let options = SearchOptions { budget: 8, require: "attack,at-fault".parse()?, ..SearchOptions::default() };
+/// let found = search(&test, &ctx, &*rule, &mut pool, &options, 0, None)?;
+/// assert!(found.driven.len() <= 8 && found.failures.is_empty() == found.reason.is_some());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn search(
     test: &AttackTest,
     ctx: &Context,

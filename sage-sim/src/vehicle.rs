@@ -24,6 +24,18 @@ const LONGITUDINAL_SHARE: f64 = 0.5;
 const ROLLING: f64 = 2.0;
 
 /// Constants of a car. The default is the ego of MetaDrive 0.3.
+///
+/// ```
+/// use sage_sim::vehicle::{Action, Vehicle};
+///
+/// let car = Vehicle::default();
+/// // How much of the pedals an acceleration of 1 m/s² takes, and a deceleration of 4.
+/// let [gas, brake] = [1.0, -4.0].map(|acceleration| car.throttle_for(acceleration));
+/// assert!((gas * car.full_throttle() - 1.0).abs() < 1e-12 && (brake * car.full_brake() + 4.0).abs() < 1e-12);
+/// // A car does not brake harder than fully, and no action is beyond ±1.
+/// assert_eq!(car.throttle_for(-100.0), -1.0);
+/// assert_eq!(Action { steer: 3.0, throttle: f64::NAN }.limited(), Action { steer: 1.0, throttle: 0.0 });
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Vehicle {

@@ -37,6 +37,17 @@ pub struct PageParts<'a> {
 /// The page of its parts, with the glossary in place of `{{WORDS}}`.
 ///
 /// *Errors*: a body without the places for title and data.
+///
+/// ```
+/// use sage_view::html_page::{PageParts, assembled, data_of, embedded};
+///
+/// let data = embedded(&["</script>", "é"])?;
+/// let body = r#"<main><h1>{{TITLE}}</h1></main>"#;
+/// let page = assembled(PageParts { body, style: "", script: "", title: "a < b", data: &data })?;
+/// // Data of strangers end no script, and are read again as they were.
+/// assert_eq!(data_of(&page), Some(serde_json::json!(["</script>", "é"])));
+/// # Ok::<(), serde_json::Error>(())
+/// ```
 pub fn assembled(PageParts { body, style, script, title, data }: PageParts) -> Result<String> {
     let title = escaped_html(title);
     // The data come last: a title may hold the name of another part.

@@ -215,6 +215,46 @@ pub struct Page<'a> {
 /// The text of a page.
 ///
 /// *Errors*: a template without the places for title and data.
+///
+/// The recorded drive as a page that plays it:
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_core::scene::SceneIndex;
+/// use sage_data::procedural::{Kind, generate};
+/// use sage_sim::{SimScene, episode::Episode, policy::policies};
+/// use sage_view::player::{Page, Panel, page, shown_part};
+///
+/// let scene = Arc::new(generate(Kind::Merge, 1, 0).ok_or("no scene for this seed")?);
+/// let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+/// let episode = Episode::run(&simulated, None, &*policies()?.build_default("replay")?, 0)?;
+/// let panel = Panel {
+///     name: "replay".to_owned(),
+///     motions: shown_part(&episode.drive),
+///     end: episode.steps(),
+///     adversary: scene.adversary().ok(),
+///     note: "no attack".to_owned(),
+///     ending: "no contact".to_owned(),
+/// #     id: String::new(),
+/// #     sweep: None,
+/// #     shown: &[],
+/// #     contact: None,
+/// #     unattacked: None,
+/// #     evasion: None,
+/// #     verdict: None,
+/// #     is_failed: false,
+/// #     others: Vec::new(),
+/// #     marks: Vec::new(),
+/// #     badge: None,
+///     // … and nothing of an attack
+/// };
+/// let (title, panels) = (scene.id.as_str(), &[panel]);
+/// let html = page(&Page { scene: &scene, title, subtitle: "", panels, paths: &[], columns: 1, back: None })?;
+/// // It loads nothing: one file is enough.
+/// assert!(html.contains("<title>merge-1-0") && !html.contains("src=\"http"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn page(page: &Page) -> Result<String> {
     let Page { scene, title, subtitle, panels, paths, columns, back } = *page;
     let (title, subtitle) = (&*escaped_name(title), &*escaped_name(subtitle));

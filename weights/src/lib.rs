@@ -7,6 +7,12 @@ pub const PPO: &[u8] = include_bytes!("../procedural/ppo.safetensors");
 pub const TD3: &[u8] = include_bytes!("../procedural/td3.safetensors");
 
 /// Files of the folder `weights/procedural`.
+///
+/// ```
+/// // A prior, and experts that are named by their files.
+/// let names: Vec<&str> = sage_weights::PROCEDURAL.iter().map(|(name, _)| *name).collect();
+/// assert_eq!(names[..3], ["prior.safetensors", "realistic.safetensors", "adversarial.safetensors"]);
+/// ```
 pub const PROCEDURAL: &[(&str, &[u8])] = &[
     ("prior.safetensors", include_bytes!("../procedural/prior.safetensors")),
     ("realistic.safetensors", include_bytes!("../procedural/realistic.safetensors")),

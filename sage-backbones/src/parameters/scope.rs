@@ -14,6 +14,27 @@ enum Source {
 }
 
 /// A node in the tree of names, from which a layer takes its tensors.
+///
+/// A layer asks its node for tensors. The same constructor lists what it needs and loads it:
+///
+/// ```
+/// use sage_backbones::{
+///     Parameters,
+///     candle::{Result, Tensor},
+///     parameters::{Init, Scope},
+/// };
+///
+/// fn linear(scope: &Scope) -> Result<Tensor> {
+///     scope.at("head").tensor("weight", &[2, 3], Init::Uniform { fan_in: 3 })
+/// }
+///
+/// let specs = Scope::list(linear)?;
+/// assert_eq!((specs[0].name.as_str(), &specs[0].shape[..]), ("head.weight", &[2, 3][..]));
+/// // Initial values depend on seed and name alone.
+/// let parameters = Parameters::start(&specs, 1)?;
+/// assert_eq!(linear(&Scope::of(&parameters))?.dims(), [2, 3]);
+/// # Ok::<(), sage_backbones::candle::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Scope {
     source: Rc<Source>,

@@ -71,6 +71,15 @@ pub struct Chart<'a> {
 /// Draws named lines, with ranges that fit their points.
 ///
 /// *Errors*: those of the drawing library.
+///
+/// ```
+/// use sage_bench::chart::line::draw;
+///
+/// let line = ("idm".to_owned(), vec![[0.0, 0.1], [0.5, 0.2], [1.0, 0.6]]);
+/// let svg = draw(["lambda", "attack rate"], vec![line])?;
+/// assert!(svg.starts_with("<svg") && svg.contains("attack rate"));
+/// # Ok::<(), sage_bench::Error>(())
+/// ```
 pub fn draw(axes: [&str; 2], lines: Vec<Line>) -> Result<String> {
     Chart { axes, lines, ..Chart::default() }.draw()
 }

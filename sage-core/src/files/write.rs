@@ -33,6 +33,18 @@ pub enum Existing {
 ///
 /// *Errors*: those of the system; [`ErrorKind::AlreadyExists`] with [`Existing::Keep`];
 /// [`ErrorKind::InvalidInput`] if the path names a folder, a pipe or a device.
+///
+/// ```
+/// use sage_core::files::{self, Existing};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("row.json");
+/// files::write(&path, b"{}", Existing::Keep)?;
+/// // A second writer does not replace the file unless it says so.
+/// assert!(files::write(&path, b"[]", Existing::Keep).is_err());
+/// assert_eq!(files::read_text(&path, 1024)?, "{}");
+/// # Ok::<(), std::io::Error>(())
+/// ```
 pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> io::Result<()> {
     write_with(path, existing, |out| out.write_all(bytes))
 }

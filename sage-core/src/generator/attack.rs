@@ -61,6 +61,22 @@ impl fmt::Display for Note {
 }
 
 /// Candidates and the selected one.
+///
+/// ```
+/// use sage_core::{
+///     generator::{Attack, Note, Proposal},
+///     motion::Trajectory,
+/// };
+///
+/// let standing = Trajectory::new("standing", vec![[5.0, 0.0]; 80])?;
+/// let moving = Trajectory::new("moving", (1..=80).map(|step| [f64::from(step), 0.0]).collect())?;
+/// // An attack holds all candidates, and which of them was selected and why.
+/// let candidates = vec![Proposal::of(standing), Proposal::of(moving.clone())];
+/// let attack = Attack::of(candidates, 1, Some(Note::NoContact));
+/// assert_eq!(*attack.trajectory(), moving);
+/// assert_eq!(Note::NoContact.to_string(), "no candidate makes contact; the nearest one was selected");
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attack {
     /// All candidates, at least one.

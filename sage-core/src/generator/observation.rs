@@ -11,6 +11,19 @@ use crate::{
 };
 
 /// A scene that ends *now*, with its map. It is the input of predictors and proposers and holds no future.
+///
+/// Of a recorded `scene`:
+///
+/// ```
+/// use sage_core::{generator::Observation, scene::SceneIndex};
+///
+/// # let scene = include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs"));
+/// assert_eq!(scene.frames, 91);
+/// let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone()))?;
+/// // Eleven frames, the last of which is *now*: what a predictor gets holds no future.
+/// assert_eq!((now.scene().frames, now.scene().horizon()), (11, 0));
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Observation {
     scene: Arc<Scene>,

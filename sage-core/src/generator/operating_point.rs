@@ -59,6 +59,18 @@ pub fn corner(weights: &[f64]) -> Option<usize> {
 }
 
 /// Input of a generator: the mixture of experts and the weight μ of the selection.
+///
+/// ```
+/// use sage_core::generator::{Mixture, OperatingPoint};
+///
+/// // A quarter of the way from the realistic to the adversarial expert; the selection weighs contact fully.
+/// let point = OperatingPoint::at(0.25, 1.0);
+/// assert_eq!(point.mixture.weights(), [0.75, 0.25]);
+/// assert_eq!(point.mixture.lambda(), Some(0.25));
+/// // Extrapolation leaves the simplex, and more than two experts have no λ.
+/// assert!(!Mixture::between(1.5).is_on_simplex());
+/// assert_eq!(Mixture::new(vec![0.5, 0.3, 0.2]).lambda(), None);
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OperatingPoint {
     /// The mixture of experts.

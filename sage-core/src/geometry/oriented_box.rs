@@ -6,6 +6,20 @@
 use super::{Aabb, Point, cross, distance, dot, norm, sub};
 
 /// A rectangle centred on `center`, its length along `axis`.
+///
+/// ```
+/// use sage_core::geometry::OrientedBox;
+///
+/// // Two cars side by side, 4.5 m × 2 m, with 1.5 m between their sides.
+/// let car = OrientedBox::new([0.0, 0.0], 0.0, 4.5, 2.0);
+/// let beside = OrientedBox::new([1.0, 3.5], 0.0, 4.5, 2.0);
+/// assert!(!car.intersects(&beside) && car.distance(&beside) == 1.5);
+/// // Half a metre deep in the side of the other.
+/// let scraping = OrientedBox::new([1.0, 1.5], 0.0, 4.5, 2.0);
+/// assert_eq!((car.overlap_depth(&scraping), car.distance(&scraping)), (0.5, 0.0));
+/// // The own frame: forward, left.
+/// assert_eq!(car.box_from_world([3.0, -1.0]), [3.0, -1.0]);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OrientedBox {
     /// Centre, metres.

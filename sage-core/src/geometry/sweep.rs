@@ -110,6 +110,19 @@ pub(crate) fn turning_margin(turning: &OrientedBox, cos: f64) -> f64 {
 }
 
 /// Whether two boxes that move from one pose to the next meet at any time in between, ends included.
+///
+/// Two cars that pass through each other between two frames of 0.1 s:
+///
+/// ```
+/// use std::f64::consts::PI;
+///
+/// use sage_core::geometry::{OrientedBox, boxes_meet_between};
+///
+/// let car = |x: f64, heading: f64| OrientedBox::new([x, 0.0], heading, 4.0, 2.0);
+/// let (east, west) = ([car(0.0, 0.0), car(6.0, 0.0)], [car(6.0, PI), car(0.0, PI)]);
+/// assert!(!east[0].intersects(&west[0]) && !east[1].intersects(&west[1]));
+/// assert!(boxes_meet_between([&east[0], &east[1]], [&west[0], &west[1]]));
+/// ```
 pub fn boxes_meet_between(a: [&OrientedBox; 2], b: [&OrientedBox; 2]) -> bool {
     let bounds = |[from, to]: [&OrientedBox; 2]| bounds_between(from, to);
     if !bounds(a).meets(&bounds(b)) {

@@ -7,6 +7,18 @@
 use super::State;
 
 /// Axles of a car.
+///
+/// ```
+/// use sage_core::motion::{State, bicycle::Bicycle};
+///
+/// let car = Bicycle { front: 1.2, rear: 1.6 };
+/// let start = State { position: [0.0, 0.0], heading: 0.0, speed: 10.0 };
+/// // Straight on it moves by v · dt. Braking at 8 m/s² it loses 0.8 m/s in a step of 0.1 s.
+/// assert_eq!(car.step(&start, 0.0, 0.0, 0.1).position, [1.0, 0.0]);
+/// assert!((car.step(&start, 0.0, -8.0, 0.1).speed - 9.2).abs() < 1e-12);
+/// // Steering to the left turns counter-clockwise.
+/// assert!(car.step(&start, 0.1, 0.0, 0.1).heading > 0.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bicycle {
     /// Distance from the centre to the front axle, m, > 0.

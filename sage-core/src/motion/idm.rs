@@ -5,6 +5,16 @@
 use serde::{Deserialize, Serialize};
 
 /// Parameters of the model; the defaults are the textbook values for city traffic.
+///
+/// ```
+/// use sage_core::motion::idm::{Idm, Leader};
+///
+/// let idm = Idm::default();
+/// // At its desired speed on a free road it neither accelerates nor brakes.
+/// assert_eq!(idm.acceleration(idm.desired_speed, None), 0.0);
+/// // 5 m behind a standing car at 10 m/s it brakes harder than is comfortable.
+/// assert!(idm.acceleration(10.0, Some(Leader { gap: 5.0, speed: 0.0 })) < -idm.deceleration);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Idm {

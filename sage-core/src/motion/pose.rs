@@ -3,6 +3,16 @@
 use crate::geometry::Point;
 
 /// A position and a heading in the plane.
+///
+/// ```
+/// use std::f64::consts::FRAC_PI_2;
+///
+/// use sage_core::motion::Pose;
+///
+/// // Facing +y, 2 m forward and 1 m to the left.
+/// let [x, y] = Pose::new(10.0, 0.0, FRAC_PI_2).shifted(2.0, 1.0).position;
+/// assert!((x - 9.0).abs() < 1e-12 && (y - 2.0).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Position, metres.

@@ -4,6 +4,19 @@ use super::{DT, HORIZON, MAX_COORDINATE, path_limits::check_path};
 use crate::{Error, geometry::Point};
 
 /// [`HORIZON`] planned positions, finite, world frame, 10 Hz: frames 11 to 90.
+///
+/// ```
+/// use sage_core::motion::{HORIZON, Trajectory};
+///
+/// // 8 s at 10 m/s: step t is 0.1 t seconds after *now*.
+/// let points: Vec<[f64; 2]> = (1..=HORIZON).map(|step| [step as f64, 0.0]).collect();
+/// let trajectory = Trajectory::new("plan", points.clone())?;
+/// assert_eq!(trajectory.points()[79], [80.0, 0.0]);
+/// // Anything else than 80 finite positions is refused, with the name that you gave.
+/// let error = Trajectory::new("plan", points[..79].to_vec()).err().map(|error| error.to_string());
+/// assert_eq!(error.as_deref(), Some("plan: 79 points, expected 80"));
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "Vec<Point>", into = "Vec<Point>")]
 pub struct Trajectory(Vec<Point>);

@@ -99,6 +99,17 @@ impl Reason {
 }
 
 /// A verdict as words, with the reasons; `None` without contact.
+///
+/// ```
+/// use sage_core::objective::{Reason, verdict};
+///
+/// assert_eq!(verdict(Some(true), &[]).as_deref(), Some("believable"));
+/// // A contact of 0.2 m is a graze; 0.5 m are asked.
+/// let graze = [Reason::shallow(0.2)];
+/// assert_eq!(verdict(Some(false), &graze).as_deref(), Some("not believable (contact only 0.20 m deep)"));
+/// // Without contact there is nothing to believe.
+/// assert_eq!(verdict(None, &[]), None);
+/// ```
 pub fn verdict(believable: Option<bool>, reasons: &[Reason]) -> Option<String> {
     let words = || reasons.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
     Some(if believable? { "believable".to_owned() } else { format!("not believable ({})", words()) })

@@ -24,6 +24,23 @@ pub(super) struct Car {
 }
 
 /// A planned trajectory of the adversary, prepared for evaluation.
+///
+/// A [`Context`](super::Context) makes one of a trajectory:
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::{motion::Trajectory, objective::{Context, ContextOptions}, scene::SceneIndex};
+/// # let scene = Arc::new(include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs")));
+/// # let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// // The adversary goes on from (20, 4) at 8 m/s.
+/// let plan = (1..=80).map(|step| [20.0 + 0.8 * f64::from(step), 4.0]).collect();
+/// let candidate = ctx.candidate(Trajectory::new("plan", plan)?);
+/// assert!(candidate.profile().speed.iter().all(|speed| (speed - 8.0).abs() < 1e-9));
+/// // Boxes belong to steps 1 to the horizon; the first is 0.1 s after *now*.
+/// assert_eq!(candidate.boxes().len(), candidate.horizon());
+/// assert_eq!(candidate.boxes()[0].center, [20.8, 4.0]);
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Candidate {
     trajectory: Trajectory,

@@ -12,6 +12,29 @@ use super::{
 use crate::{Error, registry::Registry};
 
 /// A weighted sum of rewards with a feasibility rule. Fine-tuning, selection and search maximise it.
+///
+/// From names to the value of `candidate`, a plan that hits the ego in the scene of `ctx`:
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::{motion::Trajectory, objective::{Context, ContextOptions}, scene::SceneIndex};
+/// use sage_core::objective::{Objective, ObjectiveSpec, feasibilities, rewards};
+///
+/// # let scene = Arc::new(include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs")));
+/// # let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// # let at = |t: f64| [20.0 + 4.0 * t, (4.0 - 2.0 * t).max(0.0)];
+/// # let plan = Trajectory::new("plan", (1..=80).map(|step| at(0.1 * f64::from(step))).collect())?;
+/// # let candidate = ctx.candidate(plan);
+/// let spec = ObjectiveSpec::preset("paper-selection").ok_or("no such preset")?;
+/// let objective = Objective::new(&spec, &rewards()?, &feasibilities()?)?;
+///
+/// // A candidate is evaluated once, and then has a value at every μ: from realism alone to early contact alone.
+/// let evaluation = objective.evaluate(&candidate, &ctx);
+/// assert!(evaluation.is_attack());
+/// assert_eq!(objective.value(&evaluation, 1.0), evaluation.adversarial);
+/// assert!(objective.value(&evaluation, 0.0) < 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone)]
 pub struct Objective {
     spec: ObjectiveSpec,

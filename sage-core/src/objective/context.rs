@@ -31,6 +31,29 @@ pub struct ContextOptions {
 }
 
 /// A scene with one adversary and the ego's paths, prepared for scoring. Clones share its data.
+///
+/// A plan of the adversary, which moves over in front of the ego and slows down to 4 m/s:
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_core::{
+///     motion::Trajectory,
+///     objective::{Context, ContextOptions, Situation},
+///     scene::SceneIndex,
+/// };
+///
+/// # let scene = include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs"));
+/// let scene = Arc::new(scene);
+/// let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// let at = |t: f64| [20.0 + 4.0 * t, (4.0 - 2.0 * t).max(0.0)];
+/// let plan = Trajectory::new("plan", (1..=80).map(|step| at(0.1 * f64::from(step))).collect())?;
+///
+/// let candidate = ctx.candidate(plan);
+/// // The ego at 10 m/s gains 6 m/s on it and closes the gap of 16 m after 2.7 s.
+/// assert_eq!(Situation::new(&candidate, ctx.ego(), &ctx).encounter.contact, Some(27));
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Context {
     scene: Arc<Scene>,

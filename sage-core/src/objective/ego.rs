@@ -15,6 +15,25 @@ use crate::{
 };
 
 /// Possible paths of the ego, as given by the caller.
+///
+/// In place of the recording in `ctx`, an ego that goes on at 10 m/s, or, three times as likely, stops within 10 m:
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::{objective::{Context, ContextOptions}, scene::SceneIndex};
+/// use sage_core::objective::{EgoPath, EgoPaths};
+///
+/// # let scene = Arc::new(include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs")));
+/// # let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// let braking = |t: f64| if t < 2.0 { 10.0 * t - 2.5 * t * t } else { 10.0 };
+/// let path = |at: &dyn Fn(f64) -> f64| (1..=80).map(|step| [at(0.1 * f64::from(step)), 0.0]).collect();
+/// let paths = EgoPaths::one("goes on", path(&|t| 10.0 * t), None)?.and("stops", 3.0, path(&braking), None)?;
+///
+/// // Objectives are means over the paths, by weights that sum to 1.
+/// let ctx = ctx.with_ego(&paths)?;
+/// assert_eq!(ctx.egos().iter().map(EgoPath::weight).collect::<Vec<_>>(), [0.25, 0.75]);
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct EgoPaths(Vec<GivenPath>);
 

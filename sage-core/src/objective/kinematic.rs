@@ -38,6 +38,25 @@ pub fn is_within_limits(profile: &Profile) -> bool {
 }
 
 /// P_kin of a profile; 0 below five points.
+///
+/// ```
+/// use sage_core::{
+///     motion::{Pose, kinematics::paper},
+///     objective::{is_within_limits, kinematic_penalty},
+/// };
+///
+/// let start = Pose::new(0.0, 0.0, 0.0);
+/// let steady: Vec<[f64; 2]> = (1..=80).map(|step| [0.8 * f64::from(step), 0.0]).collect();
+/// let steady = paper::profile(&steady, &start);
+/// // Straight on at 8 m/s: the floor of the formula.
+/// assert!((kinematic_penalty(&steady) - 1.8724).abs() < 1e-4 && is_within_limits(&steady));
+///
+/// // From 8 m/s to a standstill in one step of 0.1 s is a deceleration of 80 m/s².
+/// let mut stops = vec![[32.0, 0.0]; 80];
+/// (0..40).for_each(|step| stops[step] = [0.8 * (step + 1) as f64, 0.0]);
+/// let stops = paper::profile(&stops, &start);
+/// assert!(kinematic_penalty(&stops) > 6.0 && !is_within_limits(&stops));
+/// ```
 pub fn kinematic_penalty(profile: &Profile) -> f64 {
     let n = profile.speed.len();
     if n < LEAST_POINTS {

@@ -31,6 +31,34 @@ impl<'a> Situation<'a> {
 /// penalties; the sign is part of the objective.
 ///
 /// Implementations are pure: the same situation gives the same bits.
+///
+/// A reward of your own, the metres that the adversary drives, and its value for `candidate`, which keeps its 8 m/s:
+///
+/// ```
+/// use sage_core::{
+///     motion::DT,
+///     objective::{Reward, Situation},
+/// };
+/// # use std::sync::Arc;
+/// # use sage_core::{motion::Trajectory, objective::{Context, ContextOptions}, scene::SceneIndex};
+///
+/// struct Distance;
+///
+/// impl Reward for Distance {
+///     fn score(&self, situation: &Situation) -> Option<f64> {
+///         Some(situation.candidate.profile().speed.iter().sum::<f64>() * DT)
+///     }
+/// }
+///
+/// # let scene = Arc::new(include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs")));
+/// # let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// # let plan = (1..=80).map(|step| [20.0 + 0.8 * f64::from(step), 4.0]).collect();
+/// # let candidate = ctx.candidate(Trajectory::new("plan", plan)?);
+/// let metres = Distance.score(&Situation::new(&candidate, ctx.ego(), &ctx));
+/// // 8 s at 8 m/s.
+/// assert!(metres.is_some_and(|metres| (metres - 64.0).abs() < 1e-9));
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub trait Reward: Send + Sync {
     /// Value for one candidate and ego path, in the unit that the implementation states, finite; `None`
     /// where it cannot be measured.

@@ -164,6 +164,25 @@ fn all_but<T: ?Sized>(
 }
 
 /// Measures candidates of one context against its first ego path.
+///
+/// The measures of `candidate`, a plan in the scene of `ctx`:
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::{motion::Trajectory, objective::{Context, ContextOptions}, scene::SceneIndex};
+/// use sage_core::objective::Scorer;
+///
+/// # let scene = Arc::new(include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs")));
+/// # let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// # let at = |t: f64| [20.0 + 4.0 * t, (4.0 - 2.0 * t).max(0.0)];
+/// # let plan = Trajectory::new("plan", (1..=80).map(|step| at(0.1 * f64::from(step))).collect())?;
+/// # let candidate = ctx.candidate(plan);
+/// // The adversary cuts in, and is hit at step 27. The paper's reward is 10 (1 − t / 80) at the contact.
+/// let scores = Scorer::new(&ctx).scores(&candidate);
+/// assert_eq!((scores.collision_step, scores.feasible), (Some(27), true));
+/// assert_eq!(scores.adversarial_reward, 10.0 * (1.0 - 27.0 / 80.0));
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub struct Scorer<'c> {
     ctx: &'c Context,
     ego: &'c EgoPath,

@@ -11,6 +11,21 @@ use serde_json::{Map, Value};
 use super::believable::MIN_DEPTH;
 
 /// Weighted terms, one feasibility rule, and the weight of violations.
+///
+/// ```
+/// use sage_core::objective::ObjectiveSpec;
+///
+/// let spec: ObjectiveSpec = serde_json::from_str(
+///     r#"{"terms": [{"name": "adversarial", "weight": {"mu0": 0, "mu1": 1}},
+///                   {"name": "realism", "weight": -0.5}]}"#,
+/// )?;
+/// // A weight is a number, or linear in μ. What is left out has its default: the paper's rule.
+/// assert_eq!((spec.terms[0].weight.at(0.25), spec.terms[1].weight.at(0.25)), (0.25, -0.5));
+/// assert_eq!(spec.feasibility.name, "paper");
+/// // The shipped objectives are specifications too.
+/// assert!(ObjectiveSpec::preset("natural").is_some_and(|natural| natural.believable_first));
+/// # Ok::<(), serde_json::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectiveSpec {

@@ -65,6 +65,24 @@ impl Violation {
 }
 
 /// A feasibility rule for candidates in their scene.
+///
+/// A plan that leaves the road of `ctx` to the left, at 2 m/s:
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::{motion::Trajectory, objective::{Context, ContextOptions}, scene::SceneIndex};
+/// use sage_core::objective::feasibilities;
+///
+/// # let scene = Arc::new(include!(concat!(env!("CARGO_MANIFEST_DIR"), "/doc/road.rs")));
+/// # let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// let plan = (1..=80).map(f64::from).map(|step| [20.0 + 0.8 * step, 4.0 + 0.2 * step]).collect();
+/// let candidate = ctx.candidate(Trajectory::new("plan", plan)?);
+/// let violations = feasibilities()?.build_default("paper")?.violations(&candidate, &ctx);
+/// // Each violation says what is broken, when and by what.
+/// assert_eq!((violations[0].words().as_str(), &*violations[0].with), ("road edge", "left"));
+/// assert!((10..20).contains(&violations[0].step), "the side is 3 m from the edge");
+/// # Ok::<(), sage_core::Error>(())
+/// ```
 pub trait Feasibility: Send + Sync {
     /// All violations of a candidate, each at its first step; empty if it is feasible.
     fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Violation>;

@@ -20,6 +20,26 @@ pub enum Sided {
 }
 
 /// Search structures over one map. Build it once per scene and share it.
+///
+/// How far a point is from the edge of the road, and on which side of it:
+///
+/// ```
+/// use sage_core::{
+///     geometry::Side,
+///     scene::{Map, MapFeature, MapKind, SceneIndex},
+/// };
+///
+/// let points = vec![[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]];
+/// let edge = MapFeature { id: "edge".to_owned(), kind: MapKind::EdgeBoundary, points: 0..2, lane: None };
+/// let index = SceneIndex::new(Map { points, features: vec![edge] }.into());
+///
+/// let edges = index.boundaries();
+/// let nearest = edges.nearest([30.0, 4.0], 10.0, |_| true).ok_or("no edge within 10 m")?;
+/// assert_eq!(nearest.distance, 4.0);
+/// // The road lies on the left of a boundary.
+/// assert_eq!(edges.side([30.0, 4.0], &nearest), Some(Side::Left));
+/// # Ok::<(), &str>(())
+/// ```
 pub struct SceneIndex {
     map: Arc<Map>,
     boundaries: OnceLock<SegmentIndex>,

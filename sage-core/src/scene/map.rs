@@ -13,6 +13,17 @@ const SIDEWALK: &str = "ROAD_EDGE_SIDEWALK";
 const GUARDRAIL: &str = "GUARDRAIL";
 
 /// Kind of a map feature; names are MetaDrive's.
+///
+/// ```
+/// use sage_core::scene::MapKind;
+///
+/// let lane = MapKind::from_name("LANE_SURFACE_STREET");
+/// assert!(lane.is_motor_lane() && !lane.is_edge());
+/// // A median is an edge, but not a boundary: the road goes on behind it.
+/// assert!(MapKind::EdgeMedian.is_edge() && !MapKind::EdgeMedian.is_boundary());
+/// // Names are kept as they are in the file.
+/// assert_eq!(MapKind::from_name("ROAD_LINE_SOLID_SINGLE_WHITE").name(), "ROAD_LINE_SOLID_SINGLE_WHITE");
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum MapKind {

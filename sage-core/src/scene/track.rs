@@ -59,6 +59,26 @@ impl TrackKind {
 
 /// A recorded road user: columns of equal length, one value per frame. Frames that are not valid hold the
 /// file's values, usually zeros, and are never read.
+///
+/// A bus that drives along +x at 5 m/s:
+///
+/// ```
+/// use sage_core::{motion::NOW, scene::{Track, TrackKind}};
+///
+/// let bus = Track {
+///     id: "7".to_owned(),
+///     kind: TrackKind::from_name("BUS"),
+///     position: (0..91).map(|frame| [0.5 * f64::from(frame), 0.0, 1.5]).collect(),
+///     heading: vec![0.0; 91],
+///     velocity: vec![[5.0, 0.0]; 91],
+///     size: vec![[12.0, 2.5, 3.0]; 91],
+///     valid: vec![true; 91],
+/// };
+/// // *Now* is 1 s after the first frame. The position is that of the centre, half the length behind the front.
+/// assert_eq!(bus.point(NOW), [5.0, 0.0]);
+/// assert_eq!(bus.oriented_box(NOW).corners()[0], [11.0, 1.25]);
+/// assert_eq!(bus.ground(NOW), 0.0);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     /// Identifier, unique in the scene.

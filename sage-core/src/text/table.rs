@@ -9,6 +9,15 @@ const MOST_CHARACTERS: usize = COLUMNS;
 const LEAST: usize = 3;
 
 /// A table with heads.
+///
+/// ```
+/// use sage_core::text::table::Table;
+///
+/// let mut table = Table::new("", &["driver"]);
+/// table.heads.push("contacts".to_owned());
+/// table.row("idm", ["3".to_owned()]);
+/// assert_eq!(table.markdown(), "| driver | contacts |\n| --- | ---: |\n| idm | 3 |\n");
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
     /// Title above it; empty for none.

@@ -126,6 +126,19 @@ impl Node {
 
 /// A parsed pickle. Values may be shared but never contain themselves. They are nested at most
 /// [`super::MAX_DEPTH`] deep.
+///
+/// ```
+/// use sage_data::pickle::Document;
+///
+/// // The dict {"lanes": 2}.
+/// let document = Document::parse(b"\x80\x02}X\x05\0\0\0lanesK\x02s.".to_vec())?;
+/// let lanes = document.get(document.root(), "lanes").ok_or("no such key")?;
+/// assert_eq!(document.describe(lanes), "2");
+/// // A pickle that would run a command in Python is refused, and nothing is run.
+/// let error = Document::parse(b"\x80\x02cos\nsystem\n.".to_vec()).err().map(|error| error.to_string());
+/// assert!(error.is_some_and(|error| error.contains("os.system")));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Document {
     pub(super) bytes: Vec<u8>,

@@ -132,6 +132,28 @@ impl<'p> Evaluated<'p> {
 /// The best feasible evaluation at a weight μ, the first of equals; in place of a hit that a person would not believe the best
 /// believable one, if the objective prefers it. If none is feasible, the one with the largest value minus the cost of its
 /// violations, with a note.
+///
+/// The best of simple plans in a `scene`, whose context is `ctx`:
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::{objective::{Context, ContextOptions}, scene::SceneIndex};
+/// # use sage_data::procedural::{Kind, attacks, generate};
+/// use sage_core::objective::{Objective, ObjectiveSpec, feasibilities, rewards};
+/// use sage_generators::selector::best_of;
+///
+/// # let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
+/// # let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// let spec = ObjectiveSpec::preset("paper-selection").ok_or("no such preset")?;
+/// let objective = Objective::new(&spec, &rewards()?, &feasibilities()?)?;
+/// // Simple plans: the recorded path with other accelerations and lanes. Each is evaluated once.
+/// let plans = attacks(&scene).into_iter().map(|(_, plan)| objective.evaluate(&ctx.candidate(plan), &ctx));
+/// let evaluations: Vec<_> = plans.collect();
+/// // At μ = 1 the earliest contact is chosen, at μ = 0 the most realistic motion; never one that breaks the rule.
+/// let [calm, hits] = [0.0, 1.0].map(|mu| &evaluations[best_of(&evaluations, &objective, mu).chosen]);
+/// assert!(hits.is_attack() && calm.is_feasible() && hits.adversarial > calm.adversarial);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn best_of<E: Borrow<Evaluation>>(evaluations: &[E], objective: &Objective, mu: f64) -> Choice {
     let best = |value: &dyn Fn(&Evaluation) -> Option<f64>| {
         let mut best: Option<(usize, f64)> = None;

@@ -16,6 +16,16 @@ pub enum After {
 /// and ends, and `V(s_{t+1})` is 0 behind an end.
 ///
 /// *Shapes*: `rewards`, `values` and `after` have a number per step; `cut_values` one per cut.
+///
+/// ```
+/// use sage_learn::{After, advantages};
+///
+/// // Two steps of reward 1, and the end. With γ = 0.5 the first is worth 1.5; 1 was expected.
+/// let found = advantages(&[1.0, 1.0], &[1.0, 1.0], &[After::Next, After::End], &[], [0.5, 1.0]);
+/// assert_eq!(found, [0.5, 0.0]);
+/// // Cut off at a limit of steps, the value behind the cut stands for what would have followed.
+/// assert_eq!(advantages(&[1.0], &[1.0], &[After::Cut(0)], &[4.0], [0.5, 1.0]), [2.0]);
+/// ```
 pub fn advantages(
     rewards: &[f64],
     values: &[f64],

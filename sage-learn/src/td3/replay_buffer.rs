@@ -31,6 +31,18 @@ pub struct Transition<'a> {
 }
 
 /// A ring of rows.
+///
+/// ```
+/// use sage_learn::{ReplayBuffer, Transition};
+///
+/// // Observations of two numbers, actions of one.
+/// let mut buffer = ReplayBuffer::new(100, [2, 1]);
+/// let from = buffer.start(&[0.0, 0.0]);
+/// let next = &[0.1, 0.0];
+/// let from = buffer.step(&Transition { from, action: &[0.5], reward: 1.0, is_terminal: false, next });
+/// // Each observation is stored once: two of them make a transition.
+/// assert_eq!((from, buffer.written_count()), (1, 2));
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReplayBuffer {
     sizes: [usize; 2],

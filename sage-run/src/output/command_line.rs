@@ -82,6 +82,13 @@ pub fn command_with(command: &str, options: &str) -> String {
 }
 
 /// A word as a shell reads it.
+///
+/// ```
+/// use sage_run::output::quoted;
+///
+/// assert_eq!(quoted("scenes/crossing.pkl".to_owned()), "scenes/crossing.pkl");
+/// assert_eq!(quoted("it's here".to_owned()), r"'it'\''s here'");
+/// ```
 pub fn quoted(argument: String) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+".contains(c);
     if !argument.is_empty() && argument.chars().all(plain) {

@@ -3,6 +3,16 @@
 use sage_data::dataset::Shard;
 
 /// The part of a run that a process does.
+///
+/// ```
+/// use sage_data::dataset::Shard;
+/// use sage_run::output::Extent;
+///
+/// // Two machines share the scenes; a third process joins what they did, and works on none.
+/// let [first, second] = [1, 2].map(|number| Extent::of(Some(Shard { number, of: 2 })));
+/// assert_ne!(first.holds("crossing"), second.holds("crossing"));
+/// assert!(Extent::Whole.holds("crossing") && !Extent::Join.holds("crossing"));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
     /// All scenes, and the summary.

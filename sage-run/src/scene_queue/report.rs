@@ -224,7 +224,8 @@ impl Report {
     fn write(&self, line: &Line) -> Result<()> {
         let bytes = if self.json {
             let row = self.folder.join(&line.row);
-            json_line(&row, line).with_context(|| format!("cannot read `{}`", row.display()))?
+            json_line(&row, line.seconds, line.step_ms)
+                .with_context(|| format!("cannot read `{}`", row.display()))?
         } else {
             format!("{}\n", line.text).into_bytes()
         };

@@ -11,7 +11,6 @@ use serde::{
 };
 use serde_json::value::RawValue;
 
-use super::Line;
 use crate::terminal;
 
 /// True if a file is a row of the run with a hash. A row is a JSON object whose first field is `run_hash`.
@@ -45,10 +44,9 @@ impl<'j> Visitor<'j> for &mut RunHash {
 /// The JSON line of a row's file, with the times of the work if this run did it.
 ///
 /// *Errors*: the file cannot be read, or it is not a row.
-pub(super) fn json_line(path: &Path, times: &Line) -> Result<Vec<u8>> {
+pub(super) fn json_line(path: &Path, seconds: Option<f64>, step_ms: Option<f64>) -> Result<Vec<u8>> {
     let text = files::read_text(path, ROW_LIMIT)?;
-    let printed =
-        Printed { row: serde_json::from_str(&text)?, seconds: times.seconds, step_ms: times.step_ms };
+    let printed = Printed { row: serde_json::from_str(&text)?, seconds, step_ms };
     let mut line = Vec::with_capacity(text.len() + 32);
     terminal::json_line(&mut line, &printed)?;
     Ok(line)

@@ -7,6 +7,18 @@ use serde::{Deserialize, Serialize};
 
 /// Limits of the ego's controls and of the search. The car is a kinematic bicycle whose rear axle lies 0.3 of its
 /// length behind the centre of its box, with a wheelbase of 0.6 of its length.
+///
+/// ```
+/// use sage_sim::avoidable::AvoidanceOptions;
+///
+/// // As the command line reads them; what is left out has its default, a brake of 8 m/s².
+/// let options: AvoidanceOptions = r#"{"dead_time": 0.5}"#.parse()?;
+/// assert_eq!((options.brake, options.dead_time), (8.0, 0.5));
+/// // A comfortable driver brakes by half of that.
+/// assert_eq!("comfortable".parse::<AvoidanceOptions>()?.brake, 4.05);
+/// assert!(r#"{"brake": -1}"#.parse::<AvoidanceOptions>().is_err());
+/// # Ok::<(), sage_sim::Error>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AvoidanceOptions {

@@ -52,6 +52,16 @@ impl fmt::Display for Clause {
 }
 
 /// The clauses that make a driven plan a failure. `attack` is always one of them.
+///
+/// ```
+/// use sage_sim::search::{Clause, Clauses, Requirement};
+///
+/// let driven = Clauses { attack: true, believable: Some(true), at_fault: Some(false), ..Clauses::default() };
+/// // By default a failure is a believable attack, at fault and preventable; this driver was not at fault.
+/// assert_eq!(driven.first_missing(Requirement::default()), Some(Clause::AtFault));
+/// assert!(driven.meet("attack,believable".parse()?));
+/// # Ok::<(), String>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<Clause>", into = "Vec<Clause>")]
 pub struct Requirement([bool; NAMED.len()]);

@@ -119,6 +119,15 @@ pub fn diverse(all: &[Features], first: usize, count: usize) -> Vec<usize> {
 }
 
 /// How failures spread over clusters.
+///
+/// ```
+/// use sage_sim::search::features::Spread;
+///
+/// let spread = Spread::of(["rear-end", "cut-in", "rear-end", "cut-in"]);
+/// // Two clusters of the same size: one bit. Equal ones are in the order of their names.
+/// assert_eq!(spread.entropy(), 1.0);
+/// assert_eq!(spread.largest().next(), Some(("cut-in", 2)));
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     /// Number of failures in each cluster, by its name.

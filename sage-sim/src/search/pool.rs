@@ -36,6 +36,29 @@ pub struct PoolCounts {
 }
 
 /// The plans of a search, in a fixed order.
+///
+/// Simple plans in a `scene`, whose context is `ctx`:
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use sage_core::{objective::{Context, ContextOptions}, scene::SceneIndex};
+/// # use sage_data::procedural::{Kind, attacks, generate};
+/// use sage_core::{generator::Proposal, objective::feasibilities};
+/// use sage_sim::search::Pool;
+///
+/// # let scene = Arc::new(generate(Kind::Straight, 1, 0).ok_or("no scene for this seed")?);
+/// # let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// let plans: Vec<Proposal> = attacks(&scene).into_iter().map(|(_, plan)| Proposal::of(plan)).collect();
+/// let rule = feasibilities()?.build_default("paper")?;
+///
+/// // A second source with the same plans adds none: what is within 0.1 m at all steps counts once.
+/// let pool = Pool::new(&ctx, &*rule, vec![plans.clone(), plans.clone()], 256);
+/// let counts = pool.counts;
+/// assert_eq!(counts.proposed, 2 * plans.len());
+/// assert_eq!(pool.plans.len() + counts.infeasible + counts.merged + counts.beyond, counts.proposed);
+/// assert!(counts.merged >= pool.plans.len());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Pool {
     /// The plans.
     pub plans: Vec<PoolPlan>,

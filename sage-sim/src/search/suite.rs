@@ -27,6 +27,20 @@ pub const SCENES: &str = "scenes";
 const LONGEST_NAME: usize = 200;
 
 /// Failures kept as tests.
+///
+/// ```
+/// use sage_sim::search::suite::Suite;
+///
+/// let mut suite: Suite = serde_json::from_str(
+///     r#"{"suite": 2, "require": ["attack", "at-fault"], "feasibility": {"name": "drivable"}, "avoidable": {},
+///         "references": ["r157"], "fault": "careful", "tests": []}"#,
+/// )?;
+/// suite.check()?;
+/// // A suite may come from anywhere: it names policies and files inside its folder, and nothing that is run.
+/// suite.references = vec!["../driver.sh".to_owned()];
+/// assert!(suite.check().is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Suite {

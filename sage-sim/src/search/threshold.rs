@@ -4,6 +4,15 @@
 const CONSECUTIVE: usize = 3;
 
 /// Number of the first point from which the driver fails at three consecutive points, or at all up to the last.
+///
+/// ```
+/// use sage_sim::search::threshold::threshold;
+///
+/// // The driver fails at λ = 0.2 alone, and from 0.4 on.
+/// let fails = [false, true, false, true, true, true];
+/// assert_eq!(threshold(&fails), Some(3));
+/// assert_eq!(threshold(&[false; 6]), None);
+/// ```
 pub fn threshold(fails: &[bool]) -> Option<usize> {
     let stays = |first: &usize| fails[*first..].iter().take(CONSECUTIVE).all(|fails| *fails);
     (0..fails.len()).find(stays)

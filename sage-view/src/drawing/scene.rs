@@ -53,6 +53,28 @@ pub struct Picture {
 }
 
 /// Draws a scene as SVG.
+///
+/// An attack on the recorded ego as a picture:
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use sage_core::{
+///     objective::{Context, ContextOptions},
+///     scene::SceneIndex,
+/// };
+/// use sage_data::procedural::{Kind, attacks, generate};
+/// use sage_view::drawing::{Picture, draw, drawn_path};
+///
+/// let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
+/// let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+/// let paths = attacks(&scene).into_iter().take(2).map(|(name, plan)| drawn_path(name, &ctx, plan));
+/// let picture = Picture { title: "<crossing>".to_owned(), candidates: paths.collect(), ..Picture::default() };
+/// let svg = draw(&scene, &picture);
+/// // Names are text, whatever they hold.
+/// assert!(svg.starts_with("<svg") && svg.contains("&lt;crossing&gt;"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn draw(scene: &Scene, picture: &Picture) -> String {
     let frame = picture.frame.unwrap_or(NOW).min(scene.frames - 1);
     let adversary = scene.adversary.map(|k| &scene.tracks[k]);

@@ -99,7 +99,7 @@ impl PyScene {
     }
 
     /// The bytes of a file of the scene.
-    pub(crate) fn bytes(&self, native: bool) -> anyhow::Result<Vec<u8>> {
+    pub(crate) fn bytes(&self, native: bool) -> sage_run::Result<Vec<u8>> {
         let recording = self.recording();
         let Some(provenance) = &self.origin.provenance else {
             return Ok(if native { recording.to_native()? } else { recording.to_pickle()? });

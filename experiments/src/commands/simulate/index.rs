@@ -47,5 +47,5 @@ pub(super) fn write(folder: &Folder, simulation: &Job, inputs: &[Input], run_has
         }
     }
     page += "</table></html>\n";
-    folder.write(FILE, page.as_bytes())
+    Ok(folder.write(FILE, page.as_bytes())?)
 }

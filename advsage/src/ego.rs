@@ -9,7 +9,7 @@ use sage_sim::{
 };
 use serde_json::{Value, json};
 
-use crate::{Error, Registries, Result, driver_spec::DriverSpec, references};
+use crate::{Error, Registries, Result, WithContext as _, driver_spec::DriverSpec, references};
 
 /// A driver under test.
 ///
@@ -62,7 +62,7 @@ impl Ego {
         let is_command = registries.policies.get(&part.name).is_err() && part.name.contains([' ', '/']);
         let hint = || format!("to run a program as the driver, write --ego 'cmd:{}'", part.name);
         let policy = part.build(&registries.policies);
-        let policy = if is_command { policy.map_err(|error| error.within(hint()))? } else { policy? };
+        let policy = if is_command { policy.with_context(hint)? } else { policy? };
         let mut earlier = named.clone();
         earlier.options.retain(|key, value| key != "red_lights" || *value != json!(false));
         let references = references::references(&references::default_names(), &part.name, registries)?;
@@ -126,7 +126,7 @@ pub fn identity(part: &DriverSpec) -> Result<Value> {
     for file in part.files_and_beside() {
         let shown = file.display();
         let hash = if part.is_program() { file_hash(&file) } else { content_hash(&file) };
-        let hash = hash.map_err(|error| Error::from(error).within(format!("cannot read `{shown}`")))?;
+        let hash = hash.with_context(|| format!("cannot read `{shown}`"))?;
         all.push(json!(hash));
     }
     Ok(if all.len() == 1 { all.remove(0) } else { json!(all) })

@@ -89,6 +89,24 @@ impl Error {
     }
 }
 
+/// Adds what was done to an error. A missing value becomes one.
+pub trait WithContext<T> {
+    /// The value, or the error within what was done.
+    fn with_context<W: Into<String>>(self, what: impl FnOnce() -> W) -> Result<T>;
+}
+
+impl<T, E: Into<Error>> WithContext<T> for Result<T, E> {
+    fn with_context<W: Into<String>>(self, what: impl FnOnce() -> W) -> Result<T> {
+        self.map_err(|error| error.into().within(what()))
+    }
+}
+
+impl<T> WithContext<T> for Option<T> {
+    fn with_context<W: Into<String>>(self, what: impl FnOnce() -> W) -> Result<T> {
+        self.ok_or_else(|| Error::Value(what().into()))
+    }
+}
+
 /// A cause as an error of a type, also where it is wrapped in an [`Error`].
 pub fn as_cause<'e, T: StdError + 'static>(cause: &'e (dyn StdError + 'static)) -> Option<&'e T> {
     // A source in a box has the type of the box.

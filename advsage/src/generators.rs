@@ -22,7 +22,7 @@ use sage_sim::{
 use serde_json::{Map, Value};
 
 use crate::{
-    Registries, Result,
+    Registries, Result, WithContext as _,
     error::in_one_line,
     operating_point::{OperatingPointSpec, RowKey},
     part::Part,
@@ -175,7 +175,7 @@ impl BuiltGenerator {
     /// *Errors*: an expert is missing.
     pub fn check_lambda(&self) -> Result<()> {
         let checked = self.among_experts(&OperatingPoint::at(1.0, 1.0));
-        checked.map(drop).map_err(|error| error.within(format!("generator `{}`", self.label)))
+        checked.map(drop).with_context(|| format!("generator `{}`", self.label))
     }
 
     /// The attack on a drive at an operating point, as [`Attacker::plan`] plans it, with all candidates.

@@ -74,7 +74,7 @@ pub mod weights;
 
 pub use driver_spec::DriverSpec;
 pub use ego::Ego;
-pub use error::{Error, Result, as_cause, in_one_line, is_contact_now};
+pub use error::{Error, Result, WithContext, as_cause, in_one_line, is_contact_now};
 pub use generators::Against;
 #[cfg(feature = "baselines")]
 pub use learned_criticality::{LearnedCriticality, LearnedCriticalityOptions};

@@ -3,7 +3,7 @@
 use sage_sim::reference::{DEFAULT, Reference};
 use serde_json::json;
 
-use crate::{Error, Registries, Result};
+use crate::{Error, Registries, Result, WithContext as _};
 
 /// The default names.
 pub fn default_names() -> Vec<String> {
@@ -21,10 +21,8 @@ pub fn references(names: &[String], tested: &str, registries: &Registries) -> Re
             return Err(Error::Value(format!("the reference driver `{name}` is given twice")));
         }
         // Built although it may not be asked: a wrong name is an error for every driver.
-        let policy = registries.policies.build(name, &json!({})).map_err(|error| {
-            Error::from(error).within(format!(
-                "`{name}` cannot be a reference driver; expected the name of a policy without options"
-            ))
+        let policy = registries.policies.build(name, &json!({})).with_context(|| {
+            format!("`{name}` cannot be a reference driver; expected the name of a policy without options")
         })?;
         if name != tested {
             all.push(Reference { name: name.clone(), policy });

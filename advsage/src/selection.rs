@@ -7,7 +7,7 @@ use sage_core::{
     objective::{Objective, ObjectiveSpec, PRESETS},
 };
 
-use crate::{Error, Registries, Result, part::Part};
+use crate::{Error, Registries, Result, WithContext as _, part::Part};
 
 /// Size limit of an objective file, bytes.
 const LIMIT: u64 = 1 << 20;
@@ -47,16 +47,14 @@ impl Selection {
             spec.feasibility = rule.spec();
         }
         let objective = Objective::new(&spec, &registries.rewards, &registries.feasibilities);
-        let objective =
-            objective.map_err(|error| Error::from(error).within(format!("selection `{name}`")))?;
+        let objective = objective.with_context(|| format!("selection `{name}`"))?;
         Ok(Self { name: name.to_owned(), objective })
     }
 }
 
 fn read(name: &str) -> Result<ObjectiveSpec> {
     if name.trim_start().starts_with('{') {
-        return serde_json::from_str(name)
-            .map_err(|error| Error::from(error).within(format!("selection `{name}`")));
+        return serde_json::from_str(name).with_context(|| format!("selection `{name}`"));
     }
     let path = Path::new(name);
     if !name.ends_with(".json") && !path.exists() {
@@ -65,7 +63,6 @@ fn read(name: &str) -> Result<ObjectiveSpec> {
             "unknown selection `{name}`; known: {known}; or an objective as JSON or as a JSON file"
         )));
     }
-    let text = files::read_text(path, LIMIT)
-        .map_err(|error| Error::from(error).within(format!("cannot read `{name}`")))?;
-    serde_json::from_str(&text).map_err(|error| Error::from(error).within(format!("`{name}`")))
+    let text = files::read_text(path, LIMIT).with_context(|| format!("cannot read `{name}`"))?;
+    serde_json::from_str(&text).with_context(|| format!("`{name}`"))
 }

@@ -10,7 +10,7 @@ use sage_backbones::{
 use sage_core::registry::Registry;
 use sage_merging::ExpertSet;
 
-use crate::{Error, Result};
+use crate::{Error, Result, WithContext as _};
 
 /// Environment variable that names the folder of weights trained on recorded scenes.
 pub const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
@@ -98,9 +98,8 @@ impl NamedExperts {
     ///
     /// *Errors*: as [`NamedNetwork::load`]; an expert is missing or does not match the prior.
     pub fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
-        let found = ExpertSet::load(&find(name)?, registry)
-            .map_err(|error| Error::from(error).within(format!("weights `{name}`")));
-        let (experts, header) = found?;
+        let found = ExpertSet::load(&find(name)?, registry);
+        let (experts, header) = found.with_context(|| format!("weights `{name}`"))?;
         Ok(Self { name: name.to_owned(), experts, header })
     }
 
@@ -109,8 +108,7 @@ impl NamedExperts {
     /// *Errors*: as [`NamedNetwork::load`].
     fn load_prior(registry: &Registry<dyn Backbone>, name: &str) -> Result<Self> {
         let source = find(name)?;
-        let (prior, header) =
-            source.prior(registry).map_err(|error| Error::from(error).within(format!("weights `{name}`")))?;
+        let (prior, header) = source.prior(registry).with_context(|| format!("weights `{name}`"))?;
         let experts = ExpertSet::of_prior(prior.into()).from_source(source);
         Ok(Self { name: name.to_owned(), experts, header })
     }

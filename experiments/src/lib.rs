@@ -26,9 +26,10 @@ mod threads;
 
 use std::{io, process::ExitCode};
 
+use advsage::as_cause;
 use anyhow::Result;
 use sage_core::{Error, defect};
-use sage_run::{outcome, progress};
+use sage_run::{causes, io_causes, outcome, progress};
 
 pub use advsage::operating_point::{OperatingPointSpec, RowKey};
 pub use cli::Cli;
@@ -63,7 +64,7 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
         }
         Err(error) => {
             progress::say(&format!("error: {error:#}"));
-            outcome::code_of(&error).into()
+            outcome::code_of(error.as_ref()).into()
         }
     }
 }
@@ -82,15 +83,29 @@ fn print_usage(error: &clap::Error) -> ExitCode {
 }
 
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| {
-        cause.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
-            || cause
-                .downcast_ref::<serde_json::Error>()
-                .is_some_and(|e| e.io_error_kind() == Some(io::ErrorKind::BrokenPipe))
-    })
+    let json = causes(error.as_ref()).filter_map(as_cause::<serde_json::Error>);
+    let mut kinds = json
+        .filter_map(serde_json::Error::io_error_kind)
+        .chain(io_causes(error.as_ref()).map(io::Error::kind));
+    kinds.any(|kind| kind == io::ErrorKind::BrokenPipe)
 }
 
 /// Compiles the code examples of the README.
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_runs_are_found_within_what_was_done() {
+        let bad = sage_run::Error::BadScenes(Box::new(sage_run::Error::Refused("no scene".to_owned())));
+        let error = anyhow::Error::from(bad).context("the study");
+        assert_eq!(outcome::code_of(error.as_ref()), Outcome::BadScenes.code());
+        assert_eq!(format!("{error:#}"), "the study: no scene");
+        let closed = sage_run::Error::from(io::Error::from(io::ErrorKind::BrokenPipe));
+        assert!(is_broken_pipe(&anyhow::Error::from(closed).context("the table")));
+    }
+}

@@ -321,9 +321,10 @@ fn circles_are_found() {
 }
 
 #[test]
-fn arguments_are_of_the_command_alone() {
+fn arguments_and_errors_without_a_type_are_of_the_command_alone() {
     for (name, _) in LAYERS.iter().filter(|(name, _)| *name != "experiments") {
         let manifest = manifest(name);
+        assert!(!manifest.contains("anyhow"), "{name} depends on anyhow");
         // `advsage` derives the options of generators for the command, which alone turns that on.
         let is_wrong = |line: &str| match name {
             &"advsage" => {

@@ -2,24 +2,9 @@
 
 use std::fmt::Display;
 
+pub(crate) use advsage::WithContext as Context;
+
 use crate::{Error, Result};
-
-/// Adds what was done to an error. A missing value becomes one.
-pub(crate) trait Context<T> {
-    fn with_context<W: Into<String>>(self, what: impl FnOnce() -> W) -> Result<T>;
-}
-
-impl<T, E: Into<Error>> Context<T> for Result<T, E> {
-    fn with_context<W: Into<String>>(self, what: impl FnOnce() -> W) -> Result<T> {
-        self.map_err(|error| error.into().within(what()))
-    }
-}
-
-impl<T> Context<T> for Option<T> {
-    fn with_context<W: Into<String>>(self, what: impl FnOnce() -> W) -> Result<T> {
-        self.ok_or_else(|| Error::Value(what().into()))
-    }
-}
 
 /// The error of another library, as text.
 pub(crate) fn foreign(error: impl Display) -> Error {

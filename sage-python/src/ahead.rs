@@ -13,8 +13,9 @@ use std::{
 
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use sage_run::{Result, outcome::caught};
 
-use crate::errors::{OptionError, caught};
+use crate::errors::{OptionError, to_python};
 
 /// Time between two looks for Ctrl-C.
 const LOOK: Duration = Duration::from_millis(50);
@@ -59,16 +60,16 @@ pub(crate) fn pool(threads: usize) -> PyResult<ThreadPool> {
 }
 
 /// A result with the number of its item.
-type Numbered<R> = (usize, anyhow::Result<R>);
+type Numbered<R> = (usize, Result<R>);
 
-type Work<T, R> = dyn Fn(T) -> anyhow::Result<R> + Send + Sync;
+type Work<T, R> = dyn Fn(T) -> Result<R> + Send + Sync;
 
 /// Items in work, a few ahead of the one that is asked for.
 pub(crate) struct Ahead<T, R> {
     pool: ThreadPool,
     work: Arc<Work<T, R>>,
     results: (Sender<Numbered<R>>, Receiver<Numbered<R>>),
-    ready: BTreeMap<usize, anyhow::Result<R>>,
+    ready: BTreeMap<usize, PyResult<R>>,
     /// Number of items that were given, and of results that were taken.
     given: usize,
     taken: usize,
@@ -84,7 +85,7 @@ impl<T: Send + 'static, R: Send + 'static> Ahead<T, R> {
     /// *Errors*: the system starts no threads.
     pub(crate) fn new(
         threads: usize,
-        work: impl Fn(T) -> anyhow::Result<R> + Send + Sync + 'static,
+        work: impl Fn(T) -> Result<R> + Send + Sync + 'static,
     ) -> PyResult<Self> {
         Ok(Self {
             pool: pool(threads)?,
@@ -117,16 +118,16 @@ impl<T: Send + 'static, R: Send + 'static> Ahead<T, R> {
         });
     }
 
-    /// Takes an error in place of an item, as its result.
-    pub(crate) fn give_failed(&mut self, error: anyhow::Error) {
+    /// Takes an exception in place of an item, as its result.
+    pub(crate) fn give_failed(&mut self, error: PyErr) {
         self.ready.insert(self.given, Err(error));
         self.given += 1;
     }
 
     /// The next result in the order of the items; `None` after the last one that was given.
     ///
-    /// *Errors*: Ctrl-C; a child that was forked, which has no threads.
-    pub(crate) fn take(&mut self, py: Python<'_>) -> PyResult<Option<anyhow::Result<R>>> {
+    /// *Errors*: those of the result; Ctrl-C; a child that was forked, which has no threads.
+    pub(crate) fn take(&mut self, py: Python<'_>) -> PyResult<Option<R>> {
         if self.taken == self.given {
             return Ok(None);
         }
@@ -138,11 +139,13 @@ impl<T: Send + 'static, R: Send + 'static> Ahead<T, R> {
         loop {
             if let Some(result) = self.ready.remove(&self.taken) {
                 self.taken += 1;
-                return Ok(Some(result));
+                return result.map(Some);
             }
             let receiver = &mut self.results.1;
             match py.detach(move || receiver.recv_timeout(LOOK)) {
-                Ok((number, result)) => drop(self.ready.insert(number, result)),
+                Ok((number, result)) => {
+                    self.ready.insert(number, result.map_err(|error| to_python(py, &error)));
+                }
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => py.check_signals()?,
             }
         }

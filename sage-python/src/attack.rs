@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
 use pyo3::{prelude::*, types::PyList};
 use sage_core::{
     generator::{Attack, Extension, Note, Proposal},
@@ -12,6 +11,7 @@ use sage_core::{
     scene::SceneData,
 };
 use sage_generators::attacked;
+use sage_run::Result;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 

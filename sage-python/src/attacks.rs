@@ -4,12 +4,13 @@ use std::sync::{Arc, Mutex};
 
 use pyo3::{prelude::*, types::PyIterator};
 use sage_core::{generator::Attack, scene::SceneData};
+use sage_run::Result;
 
 use crate::{
     ahead::{Ahead, Turn, threads},
     attack::PyAttack,
     built::Built,
-    errors::{detached, to_python},
+    errors::detached,
     generator::PyGenerator,
     items::{Item, iterator, next_ahead, object},
     parts::Driver,
@@ -49,11 +50,7 @@ impl PyAttacks {
             this.driver.raise_interrupt()?;
             return this.attack(py, attacked?).map(Some);
         };
-        match next_ahead(ahead, scenes)? {
-            Some(Ok(attacked)) => this.attack(py, attacked).map(Some),
-            Some(Err(error)) => Err(to_python(py, &error)),
-            None => Ok(None),
-        }
+        next_ahead(ahead, scenes)?.map(|attacked| this.attack(py, attacked)).transpose()
     }
 }
 
@@ -64,7 +61,7 @@ impl PyAttacks {
     }
 }
 
-fn attacked(item: Item, generator: &PyGenerator, driver: &Driver, seed: u64) -> anyhow::Result<Attacked> {
+fn attacked(item: Item, generator: &PyGenerator, driver: &Driver, seed: u64) -> Result<Attacked> {
     let (object, shared) = item.read()?;
     let built = generator.of_seed(seed)?;
     let (seen, attack) = built.attack(&shared.0, driver, seed)?;

@@ -8,8 +8,8 @@ use advsage::{
     named_generator::{GeneratorSpec, NamedGenerator},
     prepared::Prepared,
 };
-use anyhow::Result;
 use sage_core::{generator::Attack, objective::Context, scene::SceneData};
+use sage_run::Result;
 use sage_sim::attack_test::AttackTest;
 
 use crate::parts::{Driver, registries};

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use advsage::prepared::DriverInScene;
-use anyhow::Result;
 use pyo3::prelude::*;
 use sage_core::{
     generator::Extension,
@@ -11,6 +10,7 @@ use sage_core::{
     objective::{Context, Scorer},
     scene::SceneData,
 };
+use sage_run::Result;
 use sage_sim::{
     SimScene,
     attack_test::{AttackPath, AttackTest},

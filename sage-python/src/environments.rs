@@ -19,6 +19,7 @@ use pyo3::{
     types::{PyDict, PyIterator, PyString},
 };
 use rayon::ThreadPool;
+use sage_run::{Result, outcome::caught};
 use sage_sim::{
     batch::{AutoReset, Batch, BatchOptions, BatchOutput, Reset, SceneOrder, Setting},
     environment::EnvironmentOptions,
@@ -32,7 +33,7 @@ use self::{
 };
 use crate::{
     ahead::pool,
-    errors::{OptionError, UnknownName, caught, detached},
+    errors::{OptionError, UnknownName, detached},
     values,
 };
 
@@ -71,11 +72,7 @@ impl Threads {
     /// Works in the threads; in the caller's if there is one.
     ///
     /// *Errors*: those of the work, and that the system starts no threads.
-    fn work<T: Send>(
-        &mut self,
-        py: Python<'_>,
-        work: impl FnOnce() -> anyhow::Result<T> + Send,
-    ) -> PyResult<T> {
+    fn work<T: Send>(&mut self, py: Python<'_>, work: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
         if self.count == 1 {
             return detached(py, work);
         }

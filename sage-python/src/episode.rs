@@ -2,9 +2,9 @@
 
 use std::borrow::Cow;
 
-use anyhow::Result;
 use pyo3::{prelude::*, types::PyType};
 use sage_core::geometry::Point;
+use sage_run::Result;
 use sage_sim::vehicle::Motion;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

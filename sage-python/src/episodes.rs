@@ -5,20 +5,20 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use anyhow::Result;
 use pyo3::{prelude::*, types::PyIterator};
+use sage_run::{Result, outcome::caught};
 
 use crate::{
     ahead::{Ahead, Turn, threads},
     driven::{Attacker, Driven},
     episode::PyEpisode,
-    errors::{OptionError, Raised, caught, keep_raised, to_python},
+    errors::{OptionError, to_python},
     items::{self, Item, next_ahead},
     parts::Driver,
     planner::Planner,
     planner_drive::{PlannerPolicy, Way},
     scene::{PyScene, Shared},
-    together::{Outcome, drive_together},
+    together::drive_together,
 };
 
 /// One scene of a list, driven.
@@ -42,7 +42,7 @@ pub(crate) struct PyEpisodes {
     /// `None` for a planner of Python.
     ahead: Option<Mutex<Ahead<Item, Done>>>,
     /// Drives of a batch that are done.
-    done: Mutex<VecDeque<Outcome<Done>>>,
+    done: Mutex<VecDeque<PyResult<Done>>>,
     turn: Turn,
 }
 
@@ -55,31 +55,27 @@ impl PyEpisodes {
     fn __next__(slf: &Bound<'_, Self>) -> PyResult<Option<PyEpisode>> {
         let (py, this) = (slf.py(), slf.get());
         let _turn = this.turn.take(py)?;
-        let outcome = match (&this.ahead, &this.driver.planner) {
-            (Some(ahead), _) => next_ahead(ahead, this.scenes.bind(py))?.map(|result| (result, None)),
+        let driven = match (&this.ahead, &this.driver.planner) {
+            (Some(ahead), _) => next_ahead(ahead, this.scenes.bind(py))?,
             (None, Some(planner)) if planner.takes_many => this.next_of_batch(py, planner)?,
             (None, _) => this.next_alone(py)?,
         };
-        let Some((result, raised)) = outcome else { return Ok(None) };
-        if raised.is_some() {
-            keep_raised(raised);
-        }
-        let (object, shared, driven) = result.map_err(|error| to_python(py, &error))?;
+        let Some((object, shared, driven)) = driven else { return Ok(None) };
         let scene = items::object(py, object, shared)?;
         Ok(Some(PyEpisode::new(scene, this.driver.label.clone(), this.seed, driven)))
     }
 }
 
 impl PyEpisodes {
-    fn next_alone(&self, py: Python<'_>) -> PyResult<Option<Outcome<Done>>> {
+    fn next_alone(&self, py: Python<'_>) -> PyResult<Option<Done>> {
         let Some(scene) = self.scenes.bind(py).clone().next() else { return Ok(None) };
         let item = Item::of(&scene?)?;
         let result = py.detach(|| caught(|| driven(item, &self.driver, &self.attacker, self.seed)));
         self.driver.raise_interrupt()?;
-        Ok(Some((result, None)))
+        result.map(Some).map_err(|error| to_python(py, &error))
     }
 
-    fn next_of_batch(&self, py: Python<'_>, planner: &Arc<Planner>) -> PyResult<Option<Outcome<Done>>> {
+    fn next_of_batch(&self, py: Python<'_>, planner: &Arc<Planner>) -> PyResult<Option<Done>> {
         let mut done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
         if done.is_empty() {
             let (mut items, mut failed) = (Vec::new(), None);
@@ -99,9 +95,9 @@ impl PyEpisodes {
                 driven(item, &driver, &self.attacker, self.seed)
             };
             done.extend(drive_together(py, planner, items, drive)?);
-            done.extend(failed.map(|error| (Err(Raised(error).into()), None)));
+            done.extend(failed.map(Err));
         }
-        Ok(done.pop_front())
+        done.pop_front().transpose()
     }
 }
 

@@ -7,8 +7,12 @@ use std::{
     time::Instant,
 };
 
+use advsage::in_one_line;
 use pyo3::{exceptions::PyException, import_exception, prelude::*};
-use sage_core::defect::{self, Defect};
+use sage_run::{
+    Error, Result, causes,
+    outcome::{caught, is_defect},
+};
 
 import_exception!(advsage.errors, FormatError);
 import_exception!(advsage.errors, SceneError);
@@ -48,25 +52,6 @@ pub(crate) fn take_raised() -> Option<PyErr> {
     RAISED.take()
 }
 
-/// What a call computes. A panic within is an error, which `except Exception` catches.
-///
-/// *Errors*: those of `work`.
-pub(crate) fn caught<T>(work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<T> {
-    defect::caught(work)?
-}
-
-/// An exception on its way through work that knows no Python.
-#[derive(Debug)]
-pub(crate) struct Raised(pub(crate) PyErr);
-
-impl std::fmt::Display for Raised {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        self.0.fmt(f)
-    }
-}
-
-impl std::error::Error for Raised {}
-
 /// Panics, so that a test can see what becomes of it.
 ///
 /// *Errors*: always.
@@ -77,13 +62,10 @@ pub(crate) fn panicking(py: Python<'_>) -> PyResult<()> {
     detached(py, || panic!("on purpose"))
 }
 
-/// Works without Python's lock, so that other threads run meanwhile.
+/// Works without Python's lock, so that other threads run meanwhile. A panic within is an exception, which `except Exception` catches.
 ///
 /// *Errors*: those of `work`, as exceptions.
-pub(crate) fn detached<T: Send>(
-    py: Python<'_>,
-    work: impl FnOnce() -> anyhow::Result<T> + Send,
-) -> PyResult<T> {
+pub(crate) fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
     let clock = Instant::now();
     let outcome = py.detach(|| caught(work));
     SECONDS.set(SECONDS.get() + clock.elapsed().as_secs_f64());
@@ -98,15 +80,12 @@ pub(crate) fn seconds() -> f64 {
 }
 
 /// The exception of an error.
-pub(crate) fn to_python(py: Python<'_>, error: &anyhow::Error) -> PyErr {
-    let text = format!("{error:#}");
-    if error.is::<Defect>() {
+pub(crate) fn to_python(py: Python<'_>, error: &Error) -> PyErr {
+    let text = in_one_line(error);
+    if is_defect(error) {
         return InternalError::new_err(text);
     }
-    if let Some(Raised(raised)) = error.downcast_ref() {
-        return raised.clone_ref(py);
-    }
-    let kind = error.chain().map(kind).find(|kind| !matches!(kind, Kind::Other)).unwrap_or(Kind::Other);
+    let kind = causes(error).map(kind).find(|kind| !matches!(kind, Kind::Other)).unwrap_or(Kind::Other);
     match kind {
         Kind::Format => FormatError::new_err(text),
         Kind::Scene => SceneError::new_err(text),

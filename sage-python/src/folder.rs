@@ -107,7 +107,7 @@ impl PyScenesInTurn {
 /// The scene files of a folder, or the records of a file.
 ///
 /// *Errors*: a path that does not exist, or a folder without scenes.
-pub(crate) fn files_of(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
+pub(crate) fn files_of(path: &Path) -> sage_run::Result<Vec<PathBuf>> {
     if !is_record_path(path) {
         std::fs::metadata(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
     }

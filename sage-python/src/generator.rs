@@ -3,12 +3,12 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use advsage::{named_generator::GeneratorSpec, part::Part, weights::SHIPPED};
-use anyhow::Result;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyType},
 };
 
+use sage_run::Result;
 use serde_json::{Map, Value, json};
 
 use crate::{

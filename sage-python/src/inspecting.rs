@@ -2,8 +2,7 @@
 
 use std::path::PathBuf;
 
-use advsage::prepared;
-use anyhow::Result;
+use advsage::{in_one_line, prepared};
 use pyo3::{
     prelude::*,
     types::{PyDict, PyType},
@@ -13,6 +12,7 @@ use sage_core::{
     scene::SceneData,
 };
 use sage_data::{Error, Format, Recording, checks::Summary, womd};
+use sage_run::Result;
 use sage_sim::SimScene;
 
 use crate::{
@@ -46,7 +46,7 @@ pub(crate) fn inspect<'py>(py: Python<'py>, scene: &Bound<'py, PyAny>) -> PyResu
 }
 
 fn why_not(outcome: Result<()>) -> Option<String> {
-    outcome.err().map(|error| format!("{error:#}"))
+    outcome.err().map(|error| in_one_line(&error))
 }
 
 fn attackable(data: &SceneData) -> Result<()> {
@@ -96,9 +96,8 @@ pub(crate) fn convert(
         let scene = PyScene::of_shared(item.read()?.1);
         let mut files = Vec::new();
         // With what a derived scene says of itself.
-        let derived = || -> anyhow::Result<Recording> {
-            Ok(Recording::from_bytes(&scene.origin.path, scene.bytes(true)?)?)
-        };
+        let derived =
+            || -> Result<Recording> { Ok(Recording::from_bytes(&scene.origin.path, scene.bytes(true)?)?) };
         match format {
             Format::Pickle | Format::Native => files.push((path, scene.bytes(format == Format::Native)?)),
             Format::TfRecord => files.push((path, womd::frame(&derived()?.to_scenario()?.data))),
@@ -108,7 +107,9 @@ pub(crate) fn convert(
                 files.push((path.with_file_name(map), network.into_bytes()));
                 files.push((path, scenario.into_bytes()));
             }
-            Format::Parquet => anyhow::bail!("no scenes are written as {}", format.name()),
+            Format::Parquet => {
+                Err(advsage::Error::Value(format!("no scenes are written as {}", format.name())))?
+            }
         }
         for (path, bytes) in &files {
             scene.refuse_source(path)?;

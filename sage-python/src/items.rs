@@ -11,10 +11,11 @@ use pyo3::{
     types::{PyIterator, PyList},
 };
 use sage_data::ReadOptions;
+use sage_run::Result;
 
 use crate::{
     ahead::Ahead,
-    errors::{OptionError, Raised, detached},
+    errors::{OptionError, detached},
     folder::{PyScenes, files_of},
     loading::Reading,
     scene::{PyScene, Shared},
@@ -44,7 +45,7 @@ impl Item {
     /// The scene, read if it is not loaded. Its object of Python comes along if it has one.
     ///
     /// *Errors*: a file that is no scene.
-    pub(crate) fn read(self) -> anyhow::Result<(Option<Py<PyScene>>, Shared)> {
+    pub(crate) fn read(self) -> Result<(Option<Py<PyScene>>, Shared)> {
         Ok(match self {
             Self::Scene(object, shared) => (Some(object), shared),
             Self::Path(path) => {
@@ -86,11 +87,11 @@ pub(crate) fn iterator(scenes: &Bound<'_, PyAny>) -> PyResult<Py<PyIterator>> {
 
 /// The next result of work on scenes, after more of them were given. What the scenes raise stands at its place.
 ///
-/// *Errors*: Ctrl-C.
+/// *Errors*: those of the result; Ctrl-C.
 pub(crate) fn next_ahead<R: Send + 'static>(
     ahead: &Mutex<Ahead<Item, R>>,
     scenes: &Bound<'_, PyIterator>,
-) -> PyResult<Option<anyhow::Result<R>>> {
+) -> PyResult<Option<R>> {
     let py = scenes.py();
     // Only the thread whose turn it is comes here.
     let mut ahead = ahead.lock().unwrap_or_else(PoisonError::into_inner);
@@ -100,7 +101,7 @@ pub(crate) fn next_ahead<R: Send + 'static>(
             None => break,
             Some(Ok(item)) => ahead.give(item),
             Some(Err(error)) if !error.is_instance_of::<PyException>(py) => return Err(error),
-            Some(Err(error)) => ahead.give_failed(Raised(error).into()),
+            Some(Err(error)) => ahead.give_failed(error),
         }
     }
     ahead.take(py)

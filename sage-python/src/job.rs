@@ -4,7 +4,7 @@ use std::{fmt::Display, path::PathBuf, str::FromStr};
 
 use advsage::{
     driver_spec::Timeouts,
-    latest_start,
+    in_one_line, latest_start,
     named_generator::GeneratorSpec,
     operating_point::{OperatingPoints, number},
 };
@@ -125,7 +125,7 @@ pub(crate) fn run_generate(py: Python<'_>, options: &Bound<'_, PyDict>, words: V
         Ok(match done {
             Ok(outcome) => outcome.code(),
             Err(error) => {
-                progress::say(&format!("error: {error:#}"));
+                progress::say(&format!("error: {}", in_one_line(&error)));
                 outcome::code_of(&error)
             }
         })

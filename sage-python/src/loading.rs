@@ -26,7 +26,7 @@ impl Reading {
     /// Reads a scene file or a record.
     ///
     /// *Errors*: as [`Recording::read`].
-    pub(crate) fn read(&self, path: &std::path::Path) -> anyhow::Result<PyScene> {
+    pub(crate) fn read(&self, path: &std::path::Path) -> sage_run::Result<PyScene> {
         let recording = Recording::read_as(path, &self.options)?;
         let name = folder::scene_name(path)? + &self.options.suffix();
         Ok(PyScene::of_recording(recording, name, self.keep_source))

@@ -3,13 +3,13 @@
 use std::sync::{Arc, OnceLock};
 
 use advsage::{Registries, driver_spec::DriverSpec, ego::Ego, references, weights::SHIPPED};
-use anyhow::Result;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyString},
 };
 use sage_core::objective::PRESETS;
 use sage_data::procedural::Kind;
+use sage_run::Result;
 use sage_sim::{policy::EgoPolicy, reference::Reference};
 
 use crate::{

@@ -13,7 +13,6 @@ use advsage::{
     scenario_files,
     search::PlanSources,
 };
-use anyhow::Result;
 use sage_core::{
     generator::Extension,
     motion::Trajectory,
@@ -24,6 +23,7 @@ use sage_data::{
     Recording,
     openscenario::{Export, Options},
 };
+use sage_run::Result;
 use sage_sim::{
     attack_test::AttackPath,
     drive::Drive,

@@ -104,7 +104,7 @@ impl PyScene {
     /// Refuses to write over what the scene was read from.
     ///
     /// *Errors*: the path is that of its file, or of the map beside it.
-    pub(crate) fn refuse_source(&self, path: &Path) -> anyhow::Result<()> {
+    pub(crate) fn refuse_source(&self, path: &Path) -> sage_run::Result<()> {
         if sage_data::is_source(&self.origin.path, path) {
             let problem = format!("`{}` is what the scene was read from; name another file", path.display());
             return Err(advsage::Error::Value(problem).into());
@@ -113,7 +113,7 @@ impl PyScene {
     }
 
     /// The bytes of a file of the scene.
-    pub(crate) fn bytes(&self, native: bool) -> anyhow::Result<Vec<u8>> {
+    pub(crate) fn bytes(&self, native: bool) -> sage_run::Result<Vec<u8>> {
         let recording = self.recording();
         let Some(provenance) = &self.origin.provenance else {
             return Ok(if native { recording.to_native()? } else { recording.to_pickle()? });

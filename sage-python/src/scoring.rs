@@ -1,6 +1,5 @@
 //! Scores of trajectories of the adversary.
 
-use anyhow::Result;
 use numpy::PyArrayDyn;
 use pyo3::{
     prelude::*,
@@ -10,6 +9,7 @@ use sage_core::{
     motion::{NOW, Trajectory, check_path},
     objective::{Context, ContextOptions, Convention, EgoPaths, FurtherMeasures, Scorer, Scores, Sizes},
 };
+use sage_run::Result;
 use sage_sim::avoidable::{Avoidable, Avoidance, AvoidanceOptions};
 use serde::Serialize;
 

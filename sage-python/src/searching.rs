@@ -8,12 +8,12 @@ use advsage::{
     prepared::DriverInScene,
     rows::search::RowHead,
 };
-use anyhow::Result;
 use pyo3::{
     prelude::*,
     types::{PyDict, PyIterator, PyList},
 };
 use sage_core::scene::SceneData;
+use sage_run::Result;
 use sage_sim::{
     Error, PlannerLog, SimScene,
     attack_test::AttackTest,
@@ -24,7 +24,7 @@ use serde_json::Value;
 
 use crate::{
     ahead::{Ahead, Turn, threads},
-    errors::{OptionError, UnknownName, detached, to_python},
+    errors::{OptionError, UnknownName, detached},
     generator::{keywords, spec},
     items::{Item, iterator, next_ahead, object},
     parts::{Driver, registries},
@@ -118,8 +118,7 @@ impl PySearched {
                 searched?
             }
             Some(ahead) => match next_ahead(ahead, scenes)? {
-                Some(Ok(searched)) => searched,
-                Some(Err(error)) => return Err(to_python(py, &error)),
+                Some(searched) => searched,
                 None => return Ok(None),
             },
         };

@@ -13,11 +13,12 @@ use std::{
 };
 
 use pyo3::prelude::*;
+use sage_run::outcome::caught;
 use sage_sim::policy::planner::Answer;
 
 use crate::{
     ahead::pool,
-    errors::{caught, take_raised},
+    errors::{keep_raised, take_raised, to_python},
     planner::{Asked, Planner},
 };
 
@@ -58,9 +59,6 @@ impl Questions {
     }
 }
 
-/// What came of a drive, with what its planner raised.
-pub(crate) type Outcome<R> = (anyhow::Result<R>, Option<PyErr>);
-
 /// Drives several items at once. `drive` gets where its planner is reached. The outcomes are in the order of the items.
 ///
 /// *Errors*: Ctrl-C, and what else stops the planner; the system starts no threads.
@@ -68,11 +66,11 @@ pub(crate) fn drive_together<T: Send, R: Send>(
     py: Python<'_>,
     planner: &Arc<Planner>,
     items: Vec<T>,
-    drive: impl Fn(T, Questions) -> anyhow::Result<R> + Sync,
-) -> PyResult<Vec<Outcome<R>>> {
+    drive: impl Fn(T, Questions) -> sage_run::Result<R> + Sync,
+) -> PyResult<Vec<PyResult<R>>> {
     let (messages, received) = channel();
     let pool = pool(items.len().max(1))?;
-    let mut results: Vec<Option<anyhow::Result<R>>> = Vec::new();
+    let mut results: Vec<Option<sage_run::Result<R>>> = Vec::new();
     results.resize_with(items.len(), || None);
     let live = items.len();
     let raised = pool.in_place_scope(|scope| {
@@ -89,9 +87,13 @@ pub(crate) fn drive_together<T: Send, R: Send>(
     })?;
     planner.raise_interrupt()?;
     let mut raised = raised;
-    let results =
-        results.into_iter().enumerate().filter_map(|(drive, result)| Some((result?, raised.remove(&drive))));
-    Ok(results.collect())
+    let outcome = |(drive, result): (usize, Option<sage_run::Result<R>>)| {
+        if let Some(raised) = raised.remove(&drive) {
+            keep_raised(Some(raised));
+        }
+        Some(result?.map_err(|error| to_python(py, &error)))
+    };
+    Ok(results.into_iter().enumerate().filter_map(outcome).collect())
 }
 
 /// Answers the questions of all drives until they are done. Returns what was raised for each.

@@ -13,12 +13,11 @@ mod view;
 use std::path::{Path, PathBuf};
 
 use advsage::{Registries, attacked_files::names_of_file, rows::attack::AttackRow};
-use anyhow::Result;
 use rayon::prelude::*;
 use sage_data::Format;
 
 use crate::{
-    Outcome,
+    Outcome, Result,
     output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST, SceneRecord, State},
     printing, progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, is_row_of, work_on},

@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result};
+use advsage::WithContext as _;
 use sage_core::files;
 use sage_data::{folder, womd};
+
+use crate::Result;
 
 /// Size limit of a configuration file, bytes.
 const CONFIG_LIMIT: u64 = 1 << 20;
@@ -13,7 +15,8 @@ const CONFIG_LIMIT: u64 = 1 << 20;
 ///
 /// *Errors*: the file cannot be read, or exceeds the size limit.
 pub fn read_config(path: &Path) -> Result<String> {
-    files::read_argument_text(path, CONFIG_LIMIT).with_context(|| format!("cannot read `{}`", path.display()))
+    let text = files::read_argument_text(path, CONFIG_LIMIT);
+    Ok(text.with_context(|| format!("cannot read `{}`", path.display()))?)
 }
 
 /// Name of a scene for its outputs: that of its file, the id of a record, or `stdin` for standard input.

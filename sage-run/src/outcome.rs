@@ -1,20 +1,20 @@
 //! How a command ends, and the exit code that says so to a scheduler.
 
 use std::{
-    error::Error,
-    fmt,
     io::{self, ErrorKind},
     process::ExitCode,
 };
 
-use advsage::as_cause;
-use anyhow::Result;
+use advsage::in_one_line;
 use sage_core::{
     defect::{self, Defect},
     files::LockError,
 };
 
-use crate::progress;
+use crate::{
+    error::{AnyError, Error, Result, causes, io_causes},
+    progress,
+};
 
 /// Result of a command that ran to its end.
 ///
@@ -68,64 +68,48 @@ impl From<Outcome> for ExitCode {
 /// The result of work on a scene. A panic within is an error of that scene.
 ///
 /// *Errors*: those of `work`; a [`defect::Defect`].
-pub fn caught<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
-    defect::caught(work)?
+pub fn caught<T, E: From<Error>>(work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+    defect::caught(work).map_err(Error::Defect)?
 }
 
 /// The results without those of scenes that met a defect, which are named.
 ///
 /// *Errors*: the first other error, in the order of the scenes.
-pub fn without_defects<T>(all: Vec<Result<T>>) -> Result<Vec<T>> {
-    let is_defect = |result: &Result<T>| {
-        let error = result.as_ref().err().filter(|error| error.is::<Defect>());
-        error.inspect(|error| progress::say(&format!("error: {error:#}"))).is_some()
+pub fn without_defects<T, E: AsRef<AnyError>>(all: Vec<Result<T, E>>) -> Result<Vec<T>, E> {
+    let is_left_out = |result: &Result<T, E>| {
+        let error = result.as_ref().err().map(AsRef::as_ref).filter(|error| is_defect(*error));
+        error.inspect(|error| progress::say(&format!("error: {}", in_one_line(*error)))).is_some()
     };
-    all.into_iter().filter(|result| !is_defect(result)).collect()
+    all.into_iter().filter(|result| !is_left_out(result)).collect()
+}
+
+/// True if an error is a panic of this program.
+pub fn is_defect(error: &AnyError) -> bool {
+    causes(error).any(|cause| cause.is::<Defect>())
 }
 
 /// The exit code of a command that an error ended.
-pub fn code_of(error: &anyhow::Error) -> u8 {
-    if may_succeed_later(error) {
-        return Outcome::Retry.code();
-    }
-    error.downcast_ref().map_or(1, |EndsWith(outcome, _)| outcome.code())
-}
-
-/// An error that ends a command with another outcome than failure.
-#[derive(Debug)]
-pub struct EndsWith(pub Outcome, pub anyhow::Error);
-
-impl fmt::Display for EndsWith {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{}", self.1)
-    }
-}
-
-impl Error for EndsWith {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        self.1.source()
-    }
+pub fn code_of(error: &AnyError) -> u8 {
+    let outcome = |cause: &AnyError| match cause.downcast_ref() {
+        Some(Error::BadScenes(_)) => Some(Outcome::BadScenes),
+        Some(Error::Retry(_)) => Some(Outcome::Retry),
+        _ => None,
+    };
+    let outcome =
+        if may_succeed_later(error) { Some(Outcome::Retry) } else { causes(error).find_map(outcome) };
+    outcome.map_or(1, Outcome::code)
 }
 
 /// True if the system refused to read or write, or another run holds the output, so that another try may succeed. A path
 /// that does not exist, or is of the wrong kind, is the user's.
-pub fn may_succeed_later(error: &anyhow::Error) -> bool {
-    error
-        .chain()
-        .any(|cause| matches!(cause.downcast_ref(), Some(LockError::Held { .. })) || is_refusal(cause))
-}
-
-/// True if an error is one of the system, which refused to read or write.
-pub fn is_refusal(error: &(dyn Error + 'static)) -> bool {
-    as_cause::<io::Error>(error).is_some_and(is_of_the_system)
+pub fn may_succeed_later(error: &AnyError) -> bool {
+    let is_held = |cause: &AnyError| matches!(cause.downcast_ref(), Some(LockError::Held { .. }));
+    io_causes(error).any(is_of_the_system) || causes(error).any(is_held)
 }
 
 /// The same for an error of one scene, whose file was there when the scenes were listed.
-pub fn may_pass(error: &anyhow::Error) -> bool {
-    let is_gone = |cause: &(dyn Error + 'static)| {
-        as_cause::<io::Error>(cause).is_some_and(|error| error.kind() == ErrorKind::NotFound)
-    };
-    may_succeed_later(error) || error.chain().any(is_gone)
+pub fn may_pass(error: &AnyError) -> bool {
+    may_succeed_later(error) || io_causes(error).any(|error| error.kind() == ErrorKind::NotFound)
 }
 
 /// True for an error of the system; those of our readers about what a file holds have neither a number nor such a kind.
@@ -153,12 +137,10 @@ fn is_of_the_system(error: &io::Error) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use anyhow::{Context as _, anyhow};
-
     use super::*;
 
     fn of(error: io::Error) -> bool {
-        may_succeed_later(&Err::<(), _>(error).context("cannot read `a`").unwrap_err())
+        may_succeed_later(&Error::from(error).within("cannot read `a`"))
     }
 
     #[test]
@@ -174,14 +156,25 @@ mod tests {
         assert!(of(ErrorKind::StorageFull.into()));
         assert!(of(io::Error::new(ErrorKind::ReadOnlyFilesystem, "wrapped")));
         let held = LockError::Held { path: "a".into(), holder: "process 1".to_owned() };
-        assert!(may_succeed_later(&held.into()));
+        let held = Error::Lock(held).within("shard 1");
+        assert!(may_succeed_later(&held));
+        // Also as a cause of an error of the caller.
+        #[derive(Debug, thiserror::Error)]
+        #[error("the command")]
+        struct Command(#[source] Error);
+        let bad = |error| Command(Error::BadScenes(Box::new(error)));
+        assert_eq!(code_of(&bad(held)), RETRY);
+        assert_eq!(code_of(&bad(Error::Refused("damaged".to_owned()))), BAD_SCENES);
+        assert_eq!(code_of(&Error::Refused("damaged".to_owned())), 1);
     }
 
     #[test]
     fn a_defect_costs_one_result_and_another_error_ends_all() {
-        let one = |number: usize| caught(|| Ok([1, 2][number])).with_context(|| format!("scene {number}"));
+        let one = |number: usize| {
+            caught(|| Ok([1, 2][number])).map_err(|error: Error| error.within(format!("scene {number}")))
+        };
         let kept = without_defects(vec![one(0), one(5), one(1)]).unwrap();
         assert_eq!(kept, [1, 2]);
-        assert!(without_defects(vec![one(0), one(5), Err(anyhow!("damaged"))]).is_err());
+        assert!(without_defects(vec![one(0), one(5), Err(Error::Refused("damaged".to_owned()))]).is_err());
     }
 }

@@ -16,13 +16,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use advsage::{as_cause, ego::Ego};
-use anyhow::{Context, Result, bail};
+use advsage::{WithContext as _, ego::Ego};
 use sage_core::files::{self, Existing, OutputLock};
 use sage_data::{ReadOptions, dataset::Shard};
 use serde::Serialize;
 
-use crate::terminal;
+use crate::{AnyError, Error, Result, io_causes, terminal};
 
 pub use command_line::{command, command_with, identify_by, program, quoted, stand_for};
 pub use dataset_run::{DatasetRun, Ended, run_hash};
@@ -122,7 +121,8 @@ impl Folder {
         let mark = folder.path.join(UNFINISHED);
         folder.is_begun = files::read_text(&mark, MARK_LIMIT).is_ok_and(|begun| begun == command());
         if !force && !folder.is_begun && !folder.holds_at_most(&[UNFINISHED])? {
-            bail!("`{}` is not empty; give --force to write into it anyway", path.display());
+            let problem = format!("`{}` is not empty; give --force to write into it anyway", path.display());
+            return Err(Error::Refused(problem));
         }
         // If this run is killed, the same command may begin again.
         folder.write(UNFINISHED, command().as_bytes())?;
@@ -145,7 +145,8 @@ impl Folder {
     fn claim(inputs: &Inputs, path: &Path) -> Result<Self> {
         inputs.refuse_folder(path)?;
         create_folder(path)?;
-        Ok(Self { path: path.to_owned(), claim: OutputLock::folder(path, &command())?, is_begun: false })
+        let claim = OutputLock::folder(path, &command()).map_err(Error::Lock)?;
+        Ok(Self { path: path.to_owned(), claim, is_begun: false })
     }
 
     /// True if the folder contains nothing except locks, unfinished files and some of the given files.
@@ -170,9 +171,9 @@ impl Folder {
     /// *Errors*: a folder of the name is a link; a system error.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.path.join(name);
-        files::check_folders(&self.path, name.as_ref())
-            .and_then(|()| files::write(&path, bytes, Existing::Replace))
-            .with_context(|| format!("cannot write `{}`", path.display()))
+        let written = files::check_folders(&self.path, name.as_ref())
+            .and_then(|()| files::write(&path, bytes, Existing::Replace));
+        Ok(written.with_context(|| format!("cannot write `{}`", path.display()))?)
     }
 
     /// Writes several files of the folder, one after the other.
@@ -181,15 +182,15 @@ impl Folder {
     pub fn write_all(&self, all: &[(String, Vec<u8>)]) -> Result<()> {
         let all = all.iter().map(|(name, bytes)| (&name[..], &bytes[..]));
         files::write_all(&self.path, all)
-            .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
+            .map_err(|(path, error)| Error::from(error).within(format!("cannot write `{}`", path.display())))
     }
 
     /// Removes a file or a folder of the folder, if it is there. A link is removed, never followed.
     ///
     /// *Errors*: a folder of the name is a link; a system error.
     pub fn remove(&self, name: &str) -> Result<()> {
-        files::remove_inside(&self.path, name.as_ref())
-            .with_context(|| format!("cannot remove `{}`", self.path.join(name).display()))
+        let removed = files::remove_inside(&self.path, name.as_ref());
+        Ok(removed.with_context(|| format!("cannot remove `{}`", self.path.join(name).display()))?)
     }
 
     /// Creates a folder inside this folder.
@@ -225,9 +226,10 @@ impl OutputFile {
         Inputs::of_command_line().refuse_file(path)?;
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-            bail!("the folder `{}` does not exist; create it first", folder.display());
+            let problem = format!("the folder `{}` does not exist; create it first", folder.display());
+            return Err(Error::Refused(problem));
         }
-        let claim = OutputLock::file(path, &command())?;
+        let claim = OutputLock::file(path, &command()).map_err(Error::Lock)?;
         Ok(Self { path: path.to_owned(), existing, claim: Some(claim) })
     }
 
@@ -244,11 +246,12 @@ impl OutputFile {
             return Ok(io::stdout().lock().write_all(bytes)?);
         }
         if files::was_read(&self.path) {
-            bail!("`{}` is an input of this command; name another file", self.path.display());
+            let problem = format!("`{}` is an input of this command; name another file", self.path.display());
+            return Err(Error::Refused(problem));
         }
         match files::write(&self.path, bytes, self.existing) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => refuse_existing(&self.path, false),
-            done => done.with_context(|| format!("cannot write `{}`", self.path.display())),
+            done => Ok(done.with_context(|| format!("cannot write `{}`", self.path.display()))?),
         }
     }
 }
@@ -256,20 +259,24 @@ impl OutputFile {
 /// Refuses a link, such as /dev/stdout, because the target of the write is ambiguous: the link or its target.
 fn refuse_link(path: &Path) -> Result<()> {
     if path.is_symlink() {
-        bail!("`{}` is a link; name the file itself, or - for standard output", path.display());
+        let problem =
+            format!("`{}` is a link; name the file itself, or - for standard output", path.display());
+        return Err(Error::Refused(problem));
     }
     Ok(())
 }
 
 fn refuse_existing(path: &Path, force: bool) -> Result<()> {
     if !force && path.symlink_metadata().is_ok() {
-        bail!("`{}` exists; give --force to write over it, or name another file", path.display());
+        let problem =
+            format!("`{}` exists; give --force to write over it, or name another file", path.display());
+        return Err(Error::Refused(problem));
     }
     Ok(())
 }
 
 fn create_folder(path: &Path) -> Result<()> {
-    std::fs::create_dir_all(path).with_context(|| format!("cannot create `{}`", path.display()))
+    Ok(std::fs::create_dir_all(path).with_context(|| format!("cannot create `{}`", path.display()))?)
 }
 
 /// Where a folder is, links resolved; also one that does not exist yet.
@@ -297,22 +304,24 @@ pub fn protect_inputs(given: &[PathBuf], files: &[PathBuf], out: &Path, outputs:
         files.iter().flat_map(|file| [resolved(file), file.canonicalize().ok()]).flatten().collect();
     if let Some(output) = outputs.iter().find(|output| inputs.contains(&root.join(output))) {
         let path = out.join(output);
-        bail!("`{}` would take the place of an input; name another --out", path.display());
+        let problem = format!("`{}` would take the place of an input; name another --out", path.display());
+        return Err(Error::Refused(problem));
     }
     let contains_output =
         |path: &&PathBuf| path.is_dir() && path.canonicalize().is_ok_and(|p| root.starts_with(p));
     match given.iter().find(contains_output) {
-        Some(path) => {
-            bail!("`{}` lies in the input folder `{}`; name another --out", out.display(), path.display())
-        }
+        Some(path) => Err(Error::Refused(format!(
+            "`{}` lies in the input folder `{}`; name another --out",
+            out.display(),
+            path.display()
+        ))),
         None => Ok(()),
     }
 }
 
 /// True if an error means that nothing more can be written, so the command must stop.
-pub fn is_disk_full(error: &anyhow::Error) -> bool {
-    let causes = error.chain().filter_map(|cause| as_cause::<io::Error>(cause));
-    causes.into_iter().any(files::is_disk_full)
+pub fn is_disk_full(error: &AnyError) -> bool {
+    io_causes(error).any(files::is_disk_full)
 }
 
 /// Writes text for the user to standard output.

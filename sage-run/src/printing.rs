@@ -1,10 +1,9 @@
 //! Tables at the end of a run.
 
-use anyhow::Result;
 use sage_core::text::table::Table;
 use sage_sim::policy::StepTimes;
 
-use crate::{output::print, progress};
+use crate::{Result, output::print, progress};
 
 /// Prints the table at the end of a run: to standard output, or to standard error if that holds JSON rows.
 ///

@@ -13,14 +13,14 @@ use std::{
     },
 };
 
-use anyhow::Result;
+use advsage::in_one_line;
 use rayon::prelude::*;
 use sage_core::{defect, statistics};
 use sage_data::{ReadOptions, folder};
 use serde_json::{Value, json};
 
 use crate::{
-    Outcome, input,
+    Error, Outcome, Result, WorkError, input,
     outcome::{may_pass, may_succeed_later},
     output::{self, Counts, DatasetRun, Extent, FileRecord, Inputs, SceneRecord, ShardState, State},
     progress,
@@ -136,9 +136,9 @@ pub fn results(records: &[SceneRecord]) -> Value {
 }
 
 /// Extent of a failure.
-pub enum Failure {
+pub enum Failure<E> {
     /// Ends the scene; the others continue.
-    Scene(anyhow::Error),
+    Scene(E),
     /// Ends the scene, which counts as left out and not as failed: what is asked cannot be measured in it.
     LeftOut {
         /// Why.
@@ -146,6 +146,12 @@ pub enum Failure {
         /// What is printed for it.
         lines: Vec<Line>,
     },
+}
+
+impl<E: WorkError> From<Error> for Failure<E> {
+    fn from(error: Error) -> Self {
+        Self::Scene(error.into())
+    }
 }
 
 /// Scene files with the names of their outputs, which say which part of a recording is read. `root` is the path that the
@@ -156,7 +162,7 @@ fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Result<Vec<I
     let name = |file: &PathBuf| {
         // A record that cannot be named fails when it is read.
         let unnamed = || file.file_name().unwrap_or_default().to_string_lossy().replace('#', "-record-");
-        match input::scene_name(file).map_err(anyhow::Error::from) {
+        match input::scene_name(file).map_err(Error::from) {
             Err(error) if may_succeed_later(&error) => Err(error),
             name => Ok(name.unwrap_or_else(|_| unnamed())),
         }
@@ -193,13 +199,13 @@ impl Worked {
     /// number of scenes.
     ///
     /// *Errors*: the first failure that ends the run; as [`DatasetRun::joined`].
-    pub fn on(
+    pub fn on<E: WorkError>(
         scenes: &Scenes,
         extent: Extent,
         run: &DatasetRun,
         report: impl FnOnce(usize) -> Report,
-        one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
-    ) -> Result<Self> {
+        one: impl Fn(&Input) -> Result<SceneReport, Failure<E>> + Sync,
+    ) -> Result<Self, E> {
         run.agree_on_scenes(&scenes.names())?;
         if extent == Extent::Join {
             let (records, shards) = run.joined(&scenes.names())?;
@@ -228,12 +234,12 @@ impl Worked {
 /// Works on scenes on all threads; each thread takes the next scene.
 ///
 /// *Errors*: the first failure that ends the run.
-fn work(
+fn work<E: WorkError>(
     inputs: &[&Input],
     run: &DatasetRun,
     report: &Report,
-    one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
-) -> Result<Worked> {
+    one: impl Fn(&Input) -> Result<SceneReport, Failure<E>> + Sync,
+) -> Result<Worked, E> {
     let (next, known) = (AtomicUsize::new(0), run.known_files());
     let folder = run.folder().path();
     let (stopped, times) = (Mutex::new(None), Mutex::new(Vec::new()));
@@ -241,23 +247,23 @@ fn work(
     let locked_stop = || stopped.lock().unwrap_or_else(PoisonError::into_inner);
     // A defect that one scene brings about costs that scene.
     let one = |input: &Input| {
-        defect::caught(|| one(input)).unwrap_or_else(|defect| Err(Failure::Scene(defect.into())))
+        defect::caught(|| one(input)).unwrap_or_else(|defect| Err(Error::Defect(defect).into()))
     };
     rayon::broadcast(|_| {
         while locked_stop().is_none() {
             let number = next.fetch_add(1, Ordering::Relaxed);
             let Some(input) = inputs.get(number) else { break };
             let outcome = one(input).and_then(|scene| {
-                let record = recorded(folder, input, &scene).map_err(Failure::Scene)?;
+                let record = recorded(folder, input, &scene)?;
                 let is_changed = |files: &Vec<FileRecord>| !files.is_empty() && *files != record.files;
                 if scene.seconds.is_some() || !known.get(&input.scene).is_some_and(is_changed) {
                     return Ok((scene, record));
                 }
                 report.say(&format!("note: files of `{}` were changed; it is done again", input.scene));
                 let mut names = record.files.iter().map(|file| &file.name);
-                names.try_for_each(|name| run.folder().remove(name)).map_err(Failure::Scene)?;
+                names.try_for_each(|name| run.folder().remove(name))?;
                 let scene = one(input)?;
-                let record = recorded(folder, input, &scene).map_err(Failure::Scene)?;
+                let record = recorded(folder, input, &scene)?;
                 Ok((scene, record))
             });
             let (outcome, record) = match outcome {
@@ -265,19 +271,22 @@ fn work(
                     times.lock().unwrap_or_else(PoisonError::into_inner).extend(scene.seconds);
                     (report.done(number, &input.scene, scene), record)
                 }
-                Err(Failure::Scene(error)) if output::is_disk_full(&error) => {
-                    locked_stop().get_or_insert(error.context(format!(
-                        "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again",
+                Err(Failure::Scene(error)) if output::is_disk_full(error.as_ref()) => {
+                    let full = format!(
+                        "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again: {}",
                         report.finished_count(),
                         inputs.len(),
-                        folder.display()
-                    )));
+                        folder.display(),
+                        in_one_line(error.as_ref())
+                    );
+                    locked_stop().get_or_insert(Error::Retry(Box::new(Error::Refused(full))).into());
                     break;
                 }
                 Err(Failure::Scene(error)) => {
-                    let state = if may_pass(&error) { State::Retry } else { State::Bad };
-                    let record = SceneRecord::new(&input.scene, state, report::named(&input.file, &error));
-                    (report.report_failure(number, &input.file, &error), record)
+                    let state = if may_pass(error.as_ref()) { State::Retry } else { State::Bad };
+                    let record =
+                        SceneRecord::new(&input.scene, state, report::named(&input.file, error.as_ref()));
+                    (report.report_failure(number, &input.file, error.as_ref()), record)
                 }
                 Err(Failure::LeftOut { reason, lines }) => {
                     let rows: Vec<String> = lines.iter().map(|line| line.row.clone()).collect();
@@ -287,7 +296,7 @@ fn work(
                     match record {
                         Ok(record) => (outcome, record),
                         Err(error) => {
-                            locked_stop().get_or_insert(error);
+                            locked_stop().get_or_insert(error.into());
                             break;
                         }
                     }
@@ -295,7 +304,7 @@ fn work(
             };
             records.lock().unwrap_or_else(PoisonError::into_inner)[number] = Some(record);
             if let Err(error) = outcome {
-                locked_stop().get_or_insert(error);
+                locked_stop().get_or_insert(error.into());
             }
         }
     });

@@ -13,7 +13,7 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use anyhow::{Result, anyhow, bail};
+use advsage::in_one_line;
 use rayon::prelude::*;
 use sage_core::{
     motion::NOW,
@@ -23,8 +23,8 @@ use sage_core::{
 use sage_data::{ReadOptions, checks, folder, womd};
 
 use crate::{
-    Outcome,
-    outcome::{EndsWith, caught},
+    AnyError, Error, Outcome, Result, WorkError,
+    outcome::caught,
     output,
     progress::{self, Progress, count},
 };
@@ -72,7 +72,8 @@ impl Scenes {
     pub fn of(paths: &[PathBuf], split: &Filter, procedural: u64, seed: u64) -> Result<Self> {
         if paths.is_empty() {
             if split.splits.is_some() || !split.scenes.is_empty() {
-                bail!("--splits and --scenes select among recorded scenes; give their folder as PATH");
+                let problem = "--splits and --scenes select among recorded scenes; give their folder as PATH";
+                return Err(Error::Refused(problem.to_owned()));
             }
             return Ok(Self::procedural(procedural, seed));
         }
@@ -180,8 +181,8 @@ impl Scenes {
     }
 
     /// Prints why a scene failed, and counts it.
-    pub fn fail(&self, name: &str, error: &anyhow::Error) {
-        progress::say(&format!("error: `{name}`: {error:#}"));
+    pub fn fail(&self, name: &str, error: &AnyError) {
+        progress::say(&format!("error: `{name}`: {}", in_one_line(error)));
         self.failures().entry(name.to_owned()).or_default().add(error);
     }
 
@@ -203,22 +204,22 @@ impl Scenes {
         }
     }
 
-    fn none_usable(&self) -> anyhow::Error {
-        EndsWith(Outcome::BadScenes, anyhow!("no scene of {} can be used", self.len())).into()
+    fn none_usable(&self) -> Error {
+        Error::BadScenes(Box::new(Error::Refused(format!("no scene of {} can be used", self.len()))))
     }
 
     /// As [`Scenes::map_each`].
     ///
     /// *Errors*: every scene fails, or the disk is full.
-    pub fn map<T: Send>(
+    pub fn map<T: Send, E: WorkError>(
         &self,
-        work: impl Fn(&SceneData) -> Result<T> + Sync,
+        work: impl Fn(&SceneData) -> Result<T, E> + Sync,
         done: impl FnMut(),
-    ) -> Result<Vec<T>> {
+    ) -> Result<Vec<T>, E> {
         let before = self.failure_count();
         let all = self.map_each(work, done)?;
         if all.is_empty() && self.failure_count() > before {
-            return Err(self.none_usable());
+            return Err(self.none_usable().into());
         }
         Ok(all)
     }
@@ -228,14 +229,14 @@ impl Scenes {
     /// order.
     ///
     /// *Errors*: the disk is full.
-    pub fn map_each<T: Send>(
+    pub fn map_each<T: Send, E: WorkError>(
         &self,
-        work: impl Fn(&SceneData) -> Result<T> + Sync,
+        work: impl Fn(&SceneData) -> Result<T, E> + Sync,
         mut done: impl FnMut(),
-    ) -> Result<Vec<T>> {
+    ) -> Result<Vec<T>, E> {
         let mut all = Vec::with_capacity(self.len());
         for window in self.entries.chunks(WINDOW) {
-            let results: Vec<Result<Option<T>>> = window
+            let results: Vec<Result<Option<T>, E>> = window
                 .par_iter()
                 .with_max_len(1)
                 .map(|entry| caught(|| entry.load(&self.options)?.map(|data| work(&data)).transpose()))
@@ -243,8 +244,8 @@ impl Scenes {
             for (entry, result) in window.iter().zip(results) {
                 match result {
                     Ok(result) => all.extend(result),
-                    Err(error) if output::is_disk_full(&error) => return Err(error),
-                    Err(error) => self.fail(&entry.name(), &error),
+                    Err(error) if output::is_disk_full(error.as_ref()) => return Err(error),
+                    Err(error) => self.fail(&entry.name(), error.as_ref()),
                 }
                 done();
             }
@@ -283,7 +284,7 @@ impl Scenes {
                     Ok(found) => found,
                     // A folder goes on without a file that is no scene.
                     Err(error) => {
-                        progress.say(&format!("error: {error:#}"));
+                        progress.say(&format!("error: {}", in_one_line(&error)));
                         unreadable.entry(entry.name()).or_default().add(&error);
                         *warnings.entry(UNREADABLE).or_default() += 1;
                         first_error.get_or_insert(error);
@@ -302,7 +303,7 @@ impl Scenes {
         }
         if let Some(error) = first_error.filter(|_| needs_any && unreadable.len() == self.len()) {
             self.failures().extend(unreadable);
-            return Err(EndsWith(Outcome::BadScenes, error).into());
+            return Err(Error::BadScenes(Box::new(error)));
         }
         progress.finish(&format!("read {}", count(self.len() - unreadable.len(), "scene")));
         self.failures().extend(unreadable);
@@ -343,10 +344,9 @@ impl Scenes {
         let all = self.len();
         let attackable = self.only_attackable(true)?;
         if attackable.is_empty() {
-            let error = anyhow!(
+            return Err(Error::BadScenes(Box::new(Error::Refused(format!(
                 "no scene of {all} has an ego path, 1 s of recording after frame {NOW}, and an adversary that is valid there apart from the ego"
-            );
-            return Err(EndsWith(Outcome::BadScenes, error).into());
+            )))));
         }
         Ok(attackable)
     }
@@ -391,12 +391,12 @@ impl Scenes {
                 };
                 size += memory_size(&data);
                 if size > MEMORY_LIMIT {
-                    bail!(
+                    return Err(Error::Refused(format!(
                         "the first {} of {} scenes exceed {} GiB of memory, the limit of training; use fewer scenes",
                         loaded.len() + 1,
                         self.len(),
                         MEMORY_LIMIT >> 30
-                    );
+                    )));
                 }
                 // Only a scene from a pipe is shared.
                 loaded.push(

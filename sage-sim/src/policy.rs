@@ -1,8 +1,7 @@
 //! Driving policies: what drives the car under test, or the adversary.
 //!
 //! A policy sees a [`View`]: its own state, its route, the map, and the present boxes and velocities of the
-//! others and states of traffic lights. A policy that uses recordings or plans must declare it ([`EgoPolicy::knows`]); tables print
-//! it.
+//! others and states of traffic lights. A policy that uses recordings or plans declares it ([`EgoPolicy::knows`]).
 
 mod constant;
 mod constant_speed;
@@ -144,18 +143,15 @@ impl fmt::Display for Knowledge {
 ///
 /// #[derive(Clone)]
 /// struct Brakes;
-///
 /// impl EgoPolicy for Brakes {
 ///     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
 ///         Ok(Box::new(self.clone()))
 ///     }
 /// }
-///
 /// impl Driver for Brakes {
 ///     fn control(&mut self, _: &View) -> Result<Control, Error> {
 ///         Ok(Control::Drive(Action { steer: 0.0, throttle: -1.0 }))
 ///     }
-///
 ///     fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
 ///         Ok(Box::new(self.clone()))
 ///     }

@@ -22,8 +22,7 @@ use sage_core::{files, text::wrap::wrapped};
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
 use sage_run::{
-    Outcome, networks,
-    outcome::EndsWith,
+    Error, Outcome, networks,
     output::{
         self, Counts, DatasetRun, Ended, Extent, Folder, Inputs, MANIFEST, Producer, SceneRecord, ShardState,
     },
@@ -123,7 +122,7 @@ impl<'a> Job<'a> {
         Inputs::of_command_line().refuse_folder(out)?;
         let outdated = || vec![RESULTS.to_owned(), MANIFEST.to_owned()];
         let (identity, force) = (serde_json::to_value(identity)?, self.args.folder.force);
-        DatasetRun::start(out, identity, force, self.extent, &REPORT_FILES, outdated)
+        Ok(DatasetRun::start(out, identity, force, self.extent, &REPORT_FILES, outdated)?)
     }
 
     /// Measures what no earlier run did.
@@ -151,7 +150,7 @@ impl<'a> Job<'a> {
         let stored = |(record, number): (SceneRecord, &usize)| -> Result<SceneRecord> {
             let file = format!("{RESULTS}/{}", result_file(*number));
             let is_there = folder.path().join(&file).is_file();
-            record.with_files(folder.path(), is_there.then_some(&*file))
+            Ok(record.with_files(folder.path(), is_there.then_some(&*file))?)
         };
         self.records().into_iter().zip(&self.own).map(stored).collect()
     }
@@ -167,8 +166,8 @@ impl<'a> Job<'a> {
         shards: &[ShardState],
     ) -> Result<()> {
         if !results.cells.iter().flatten().any(|cell| cell.error.is_empty()) {
-            let error = anyhow!("nothing could be measured in any of {} scenes", chosen.names.len());
-            return Err(EndsWith(Outcome::BadScenes, error).into());
+            let problem = format!("nothing could be measured in any of {} scenes", chosen.names.len());
+            return Err(Error::BadScenes(Box::new(Error::Refused(problem))).into());
         }
         let study = &self.prepared.study;
         let mut report = Report::new(study, results)?;
@@ -252,7 +251,7 @@ fn write(folder: &Folder, report: &Report, record: &StudyRecord) -> Result<()> {
         let text = if name == report::PAGE { &page } else { text };
         folder.write(name, text.as_bytes())?;
     }
-    folder.write(STUDY_RECORD, format!("{}\n", serde_json::to_string(record)?).as_bytes())
+    Ok(folder.write(STUDY_RECORD, format!("{}\n", serde_json::to_string(record)?).as_bytes())?)
 }
 
 /// The results in a folder.
@@ -361,8 +360,8 @@ impl Observer<anyhow::Error> for Follow<'_> {
 
     fn failed(&mut self, scene: &str, what: &str, error: &anyhow::Error) {
         match what.is_empty() {
-            true => self.scenes.fail(scene, error),
-            false => self.scenes.fail(scene, &anyhow!("{what}: {error}")),
+            true => self.scenes.fail(scene, error.as_ref()),
+            false => self.scenes.fail(scene, anyhow!("{what}: {error}").as_ref()),
         }
     }
 

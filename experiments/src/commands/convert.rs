@@ -86,7 +86,7 @@ pub(crate) fn run(args: &ConvertArgs, extent: Extent) -> Result<Outcome> {
     if let Err(error) = outcome {
         let of = inputs.count().map_or(String::new(), |all| format!(" of {all}"));
         let sum = format!("{whole}{of} scenes are converted in `{}`", out.display());
-        return Err(match output::is_disk_full(&error) {
+        return Err(match output::is_disk_full(error.as_ref()) {
             true => {
                 error.context(format!("the disk is full; {sum}; free space and run the same command again"))
             }

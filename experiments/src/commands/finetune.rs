@@ -193,7 +193,7 @@ impl<'a> Job<'a> {
         let states = names("state");
         let mut results = names("safetensors");
         results.extend([PRIOR_FILE.to_owned(), "finetune.csv".to_owned()]);
-        Run::start(
+        Ok(Run::start(
             &self.args.folder.out,
             identity,
             self.args.folder.force,
@@ -201,7 +201,7 @@ impl<'a> Job<'a> {
             // A dial of other experts must not be used for these.
             &[DIAL_FILE],
             &results.iter().map(String::as_str).collect::<Vec<_>>(),
-        )
+        )?)
     }
 
     /// Decodes and evaluates every goal of all scenes.
@@ -220,7 +220,7 @@ impl<'a> Job<'a> {
         );
         let all = |scenes: &[SceneData], mirrored: bool| {
             PreparedScene::all(&*self.prior, scenes, mirrored, &self.measures, |data, defect| {
-                self.training.fail(&data.name, &defect.into());
+                self.training.fail(&data.name, &defect);
             })
         };
         let (plain, dev) = (all(&train, false)?, all(&self.dev, false)?);

@@ -7,5 +7,5 @@ use sage_run::{Outcome, generate, output::Extent};
 use crate::cli::GenerateArgs;
 
 pub(crate) fn run(args: &GenerateArgs, extent: Extent, registries: &Registries) -> Result<Outcome> {
-    generate::run(&args.options()?, extent, registries)
+    Ok(generate::run(&args.options()?, extent, registries)?)
 }

@@ -5,7 +5,7 @@ use std::{io, path::Path};
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::Parser as _;
 use sage_run::{
-    Outcome,
+    Outcome, io_causes,
     output::{self, Extent, RECORD},
     progress,
 };
@@ -38,11 +38,9 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
         _ => bail!("`{folder}` has no shards: it is of `{command}`"),
     };
     joined.map_err(|error| {
-        let is_missing = |cause: &(dyn std::error::Error + 'static)| {
-            cause.downcast_ref::<io::Error>().is_some_and(|cause| cause.kind() == io::ErrorKind::NotFound)
-        };
+        let is_missing = io_causes(error.as_ref()).any(|cause| cause.kind() == io::ErrorKind::NotFound);
         // What is missing in the folder itself is told by its name.
-        match error.chain().any(is_missing) && !format!("{error:#}").contains(&folder) {
+        match is_missing && !format!("{error:#}").contains(&folder) {
             true => error.context(format!("run `sage join` in the folder from which `{command}` was run")),
             false => error,
         }

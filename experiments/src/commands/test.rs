@@ -164,14 +164,14 @@ fn drive<'s>(
             return Ok(tests.iter().map(|test| failed(*test, &error, 0.0)).collect());
         }
     };
-    let unattacked = caught(|| {
+    let unattacked: Result<_> = caught(|| {
         let test = ego.test(&simulated, seed)?;
         Ok((test.context()?, test))
     });
     let before = clock.elapsed().as_secs_f64() / tests.len() as f64;
     let one = |test: &&'s SuiteTest| {
         let clock = Instant::now();
-        let row = caught(|| {
+        let row: Result<_> = caught(|| {
             let (ctx, driver) = unattacked.as_ref().map_err(|error| anyhow!("{error:#}"))?;
             let seconds = || before + clock.elapsed().as_secs_f64();
             ensure!(rule.is_feasible(&ctx.candidate(test.plan.clone()), ctx), NOT_FEASIBLE);

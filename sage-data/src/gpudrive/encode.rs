@@ -155,12 +155,9 @@ fn order(scene: &Scene, attacker: Option<&str>, notes: &mut Notes) -> Vec<usize>
     // Readers have no use for them.
     order.sort_by_key(|k| matches!(scene.tracks[*k].kind, TrackKind::Other(_)));
     if order.len() > OBJECTS {
-        note(
-            notes,
-            format!(
-                "scenes of more than {OBJECTS} road users, of which readers take the first {OBJECTS} (ego and adversary are objects 0 and 1)"
-            ),
-        );
+        let taken =
+            format!("of which readers take the first {OBJECTS} (ego and adversary are objects 0 and 1)");
+        note(notes, format!("scenes of more than {OBJECTS} road users, {taken}"));
     }
     order
 }

@@ -115,7 +115,7 @@ impl Described {
     /// The adversary.
     ///
     /// *Errors*: an unknown part, or weights that cannot be used.
-    pub(crate) fn build(self) -> anyhow::Result<Adversary> {
+    pub(crate) fn build(self) -> sage_run::Result<Adversary> {
         let Self { attacks, curriculum, probability, against_drives, total_steps } = self;
         let has_curriculum = curriculum.is_some();
         let mut lambda = f64::NAN;

@@ -5,6 +5,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
+use advsage::in_one_line;
 use pyo3::{prelude::*, types::PyIterator};
 use sage_core::scene::SceneData;
 use sage_data::ReadOptions;
@@ -85,14 +86,14 @@ impl ListedScenes {
     /// Prepares a scene.
     ///
     /// *Errors*: it cannot be read or simulated, as the readers say it.
-    pub(crate) fn check(&self, number: usize) -> anyhow::Result<()> {
+    pub(crate) fn check(&self, number: usize) -> sage_run::Result<()> {
         if number < self.all.len() {
             self.prepared(number)?;
         }
         Ok(())
     }
 
-    fn prepared(&self, number: usize) -> anyhow::Result<Arc<SimScene>> {
+    fn prepared(&self, number: usize) -> sage_run::Result<Arc<SimScene>> {
         match &self.all[number] {
             Listed::Loaded(data, kept) => {
                 let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
@@ -123,9 +124,9 @@ impl SceneSource for ListedScenes {
     }
 
     fn scene(&self, number: usize) -> Result<Arc<SimScene>, Error> {
-        self.prepared(number).map_err(|error| match error.downcast::<Error>() {
-            Ok(error) => error,
-            Err(error) => Error::Scene { scene: self.name(number), problem: format!("{error:#}") },
+        self.prepared(number).map_err(|error| match error {
+            sage_run::Error::Facade(advsage::Error::Simulation(error)) => *error,
+            error => Error::Scene { scene: self.name(number), problem: in_one_line(&error) },
         })
     }
 }

@@ -11,7 +11,6 @@ use advsage::{
         attack::{AttackRow, ChosenScores, LeftOutRow},
     },
 };
-use anyhow::Result;
 use sage_core::{
     generator::Note,
     objective::{Context, Scorer, Scores},
@@ -28,11 +27,14 @@ use super::{
     view::SceneView,
 };
 use crate::{
+    Error, Result,
     output::{self, DatasetRun},
     scene_queue::{self, Line, SceneFile, SceneJob, SceneReport},
 };
 
 impl SceneJob for Job<'_> {
+    type Error = Error;
+
     fn reading(&self) -> ReadOptions {
         self.options.reading.clone()
     }

@@ -1,7 +1,6 @@
 //! The page that lists the attacked scenes of a run.
 
 use advsage::rows::attack::{AttackRow, is_prevented};
-use anyhow::Result;
 use rayon::prelude::*;
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point},
@@ -25,6 +24,7 @@ use super::{
     names::{INDEX, page_file, row_file},
 };
 use crate::{
+    Result,
     output::Folder,
     scene_queue::{Input, is_row_of},
 };

@@ -7,7 +7,6 @@ use advsage::{
     operating_point::OperatingPointSpec,
     rows::GeneratedBy,
 };
-use anyhow::Result;
 use sage_data::{Format, ReadOptions, openscenario::Options};
 use sage_sim::avoidable::AvoidanceOptions;
 use serde::Serialize;
@@ -15,7 +14,7 @@ use serde_json::Value;
 
 use super::options::GenerateOptions;
 use crate::{
-    networks,
+    Result, networks,
     output::{self, Producer},
 };
 

@@ -1,7 +1,6 @@
 //! What is measured of a scene's attacks.
 
 use advsage::ego::Ego;
-use anyhow::Result;
 use sage_core::{
     generator::Attack,
     objective::Context,
@@ -15,6 +14,7 @@ use sage_sim::{
 };
 
 use super::scored::ScoredCandidates;
+use crate::Result;
 
 /// An attack with what came of it.
 pub(super) struct MeasuredAttack<'a> {

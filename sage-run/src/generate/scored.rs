@@ -2,8 +2,7 @@
 
 use std::collections::{HashMap, hash_map::Entry};
 
-use advsage::rows::attack::CandidateRow;
-use anyhow::{Context as _, Result};
+use advsage::{WithContext as _, rows::attack::CandidateRow};
 use sage_core::{
     generator::{Attack, Proposal},
     motion::Trajectory,
@@ -12,6 +11,8 @@ use sage_core::{
 };
 use sage_sim::avoidable::{Avoidable, Avoidance};
 use serde_json::value::{RawValue, to_raw_value};
+
+use crate::Result;
 
 /// A trajectory with its scores, also as JSON.
 pub(super) struct Scored {
@@ -114,7 +115,8 @@ impl<'s> ScoredCandidates<'s> {
     }
 
     fn index(&self, trajectory: &Trajectory) -> Result<usize> {
-        self.indices.get(&bits(trajectory)).copied().context("the trajectory is among the candidates")
+        let index = self.indices.get(&bits(trajectory)).copied();
+        Ok(index.with_context(|| "the trajectory is among the candidates")?)
     }
 
     /// Scores of a trajectory that [`ScoredCandidates::score`] has scored.

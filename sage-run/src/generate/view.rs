@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 
 use advsage::{operating_point::OperatingPointSpec, rows::attack};
-use anyhow::Result;
 use sage_core::{
     generator::Proposal,
     geometry::Point,
@@ -23,6 +22,7 @@ use super::{
     names::INDEX,
     scored::{ScoredCandidates, bits},
 };
+use crate::Result;
 
 /// Most attacks that a page shows side by side. More share a box with a slider.
 const MOST_BESIDE: usize = 3;

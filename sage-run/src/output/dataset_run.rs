@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeSet, path::Path, time::Instant};
 
-use anyhow::{Context, Result, bail};
+use advsage::WithContext as _;
 use sage_core::files::OutputLock;
 use sage_data::{
     dataset::{self, Shard},
@@ -17,7 +17,7 @@ use super::{
     manifests::ShardState,
     run::{self, RECORD, read_record},
 };
-use crate::progress;
+use crate::{Error, Result, progress};
 
 /// A run and its folder. The files of a finished scene stay, so the same command resumes the run.
 pub struct DatasetRun {
@@ -71,9 +71,11 @@ impl DatasetRun {
         }
         // A shard also holds the whole folder until the record is written.
         let (claim, whole_folder) = match extent {
-            Extent::Whole | Extent::Join => (OutputLock::folder(path, &command())?, None),
+            Extent::Whole | Extent::Join => {
+                (OutputLock::folder(path, &command()).map_err(Error::Lock)?, None)
+            }
             Extent::Shard(Shard { number, of }) => {
-                let (own, whole) = OutputLock::shard(path, number, of, &command())?;
+                let (own, whole) = OutputLock::shard(path, number, of, &command()).map_err(Error::Lock)?;
                 (own, Some(whole))
             }
         };
@@ -84,10 +86,10 @@ impl DatasetRun {
         let record = if force { read_record(&run.folder).unwrap_or(None) } else { read_record(&run.folder)? };
         let is_same = record.as_ref().is_some_and(|record| record["run"] == run.identity);
         if !is_same && let Some(holder) = run.other_shard()? {
-            bail!(
+            return Err(Error::Refused(format!(
                 "`{}` is in use by a shard with other options ({holder}); wait for its end",
                 path.display()
-            );
+            )));
         }
         if force {
             run.refuse_other_data_set()?;
@@ -158,9 +160,9 @@ impl DatasetRun {
         let Ended { records, shards, results, seconds_per_attack, has_pickles, is_done } = ended;
         let mut listed = 0;
         if has_pickles || path.join(dataset::SUMMARY).is_file() {
-            listed = dataset::write_tables(path).context(
-                "the summary of the data set was not written; remove the cause and run the same command again",
-            )?;
+            listed = dataset::write_tables(path).with_context(|| {
+                "the summary of the data set was not written; remove the cause and run the same command again"
+            })?;
         }
         if self.extent == Extent::Join {
             // Killed shards leave temporary files.
@@ -202,7 +204,7 @@ impl DatasetRun {
                 && shard_files(path)?.is_empty()
                 && self.extent != Extent::Join;
             if !is_unused {
-                bail!(
+                return Err(Error::Refused(format!(
                     "`{}` holds another run: {}; {}",
                     path.display(),
                     run::difference(recorded, &self.identity),
@@ -212,13 +214,13 @@ impl DatasetRun {
                             "run all shards with the same command and program, or name another --out",
                         Extent::Join => "join it with the program that ran the shards",
                     }
-                );
+                )));
             }
         } else if !self.folder.holds_at_most(&[])? || self.extent == Extent::Join {
-            bail!(
+            return Err(Error::Refused(format!(
                 "`{}` is not empty and holds no run of the same command, inputs and program; give --force to write into it anyway",
                 path.display()
-            );
+            )));
         }
         Ok(())
     }
@@ -232,18 +234,18 @@ impl DatasetRun {
         // A summary that cannot be read lists nothing that could be lost.
         let listed = folder::scene_files(path).unwrap_or_default();
         match listed.iter().find(|file| file.parent() != Some(path)) {
-            Some(other) => bail!(
+            Some(other) => Err(Error::Refused(format!(
                 "`{}` is a data set that lists `{}`; name another --out",
                 path.display(),
                 other.display()
-            ),
+            ))),
             None => Ok(()),
         }
     }
 
     fn other_shard(&self) -> Result<Option<String>> {
         let Extent::Shard(Shard { number, of }) = self.extent else { return Ok(None) };
-        Ok(OutputLock::other_shard(self.folder.path(), number, of)?)
+        OutputLock::other_shard(self.folder.path(), number, of).map_err(Error::Lock)
     }
 
     fn record(

@@ -6,10 +6,10 @@ use std::{
 };
 
 use advsage::weights;
-use anyhow::{Result, bail};
 use sage_data::womd;
 
 use super::{command_line, resolved_folder};
+use crate::{Error, Result};
 
 /// Flags whose value is an output, not an input.
 const OUTPUTS: [&str; 3] = ["--out", "--junit", "--svg"];
@@ -76,10 +76,7 @@ impl Inputs {
                 path.extension().is_some_and(|e| ENDINGS.iter().any(|ending| e == OsStr::new(ending)));
             *input == path || path.starts_with(input) && (is_kind || womd::is_shard(&path))
         };
-        if self.0.iter().any(is_read) {
-            bail!("`{}` is an input of this command; name another --out", output.display());
-        }
-        Ok(())
+        if self.0.iter().any(is_read) { Err(is_input(output)) } else { Ok(()) }
     }
 
     /// Refuses an output folder that is an input or holds one.
@@ -88,17 +85,19 @@ impl Inputs {
     pub fn refuse_folder(&self, output: &Path) -> Result<()> {
         let root = resolved_folder(output)?;
         match self.0.iter().find(|input| input.starts_with(&root)) {
-            Some(input) if *input == root => {
-                bail!("`{}` is an input of this command; name another --out", output.display())
-            }
-            Some(input) => bail!(
+            Some(input) if *input == root => Err(is_input(output)),
+            Some(input) => Err(Error::Refused(format!(
                 "`{}` holds `{}`, an input of this command; name another --out",
                 output.display(),
                 input.strip_prefix(&root).unwrap_or(input).display()
-            ),
+            ))),
             None => Ok(()),
         }
     }
+}
+
+fn is_input(output: &Path) -> Error {
+    Error::Refused(format!("`{}` is an input of this command; name another --out", output.display()))
 }
 
 /// Arguments without the words of the command: a folder may have the name of one. `bench` and `analyse` have a second word,

@@ -9,10 +9,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context as _, Result, ensure};
+use advsage::WithContext as _;
 use sage_core::files::{self, Existing};
 use sage_data::dataset::Shard;
 use serde::{Deserialize, Serialize};
+
+use crate::{Error, Result};
 
 /// Manifest of a whole run.
 pub const MANIFEST: &str = "manifest.jsonl";
@@ -196,11 +198,11 @@ impl Manifest {
             blake3: hasher.finalize().to_hex()[..32].to_owned(),
         };
         let head = line(&head)?;
-        files::write_with(path, Existing::Replace, |out| {
+        let written = files::write_with(path, Existing::Replace, |out| {
             out.write_all(head.as_bytes())?;
             records.iter().try_for_each(|record| out.write_all(line(record)?.as_bytes()))
-        })
-        .with_context(|| format!("cannot write `{}`", path.display()))
+        });
+        Ok(written.with_context(|| format!("cannot write `{}`", path.display()))?)
     }
 
     /// Names of the scenes of the manifest of the whole run with a hash; `None` if there is none.
@@ -216,22 +218,25 @@ impl Manifest {
     pub fn read(path: &Path) -> Result<Self> {
         let shown = || format!("`{}`", path.display());
         let mut lines = Lines::open(path).with_context(|| format!("cannot read {}", shown()))?;
-        let first = lines.next_line().and_then(|line| line.context("it is empty")).with_context(shown)?;
+        let within = |error: Error| error.within(shown());
+        let is_empty = || Error::Refused("it is empty".to_owned());
+        let first = lines.next_line().and_then(|line| line.ok_or_else(is_empty)).map_err(within)?;
         let head: Head = serde_json::from_str(&first).with_context(|| format!("{}, line 1", shown()))?;
         let (mut hasher, mut records, mut number) = (blake3::Hasher::new(), Vec::new(), 1);
-        while let Some(text) = lines.next_line().with_context(shown)? {
+        while let Some(text) = lines.next_line().map_err(within)? {
             number += 1;
             hasher.update(text.as_bytes());
             let record = serde_json::from_str(&text);
             records.push(record.with_context(|| format!("{}, line {number}", shown()))?);
         }
         let is_whole = hasher.finalize().to_hex()[..32] == head.blake3;
-        ensure!(
-            is_whole && Counts::of(&records) == head.counts,
+        if is_whole && Counts::of(&records) == head.counts {
+            return Ok(Self { head, records });
+        }
+        Err(Error::Refused(format!(
             "{} is not as it was written: its lines do not have the hash `blake3` of its first line",
             shown()
-        );
-        Ok(Self { head, records })
+        )))
     }
 }
 
@@ -256,7 +261,9 @@ impl Lines {
         use std::io::Read as _;
         let mut text = String::new();
         let length = (&mut self.0).take(LINE_LIMIT).read_line(&mut text)?;
-        ensure!((length as u64) < LINE_LIMIT, "a line is longer than {LINE_LIMIT} bytes");
+        if length as u64 >= LINE_LIMIT {
+            return Err(Error::Refused(format!("a line is longer than {LINE_LIMIT} bytes")));
+        }
         Ok((length > 0).then_some(text))
     }
 }
@@ -300,7 +307,7 @@ pub fn agreed_scenes(folder: &Path) -> Result<Option<Vec<String>>> {
     }
     let shown = || format!("cannot read `{}`", path.display());
     let bytes = files::read(&path, SCENES_LIMIT).with_context(shown)?;
-    serde_json::from_slice(&bytes).with_context(shown).map(Some)
+    Ok(serde_json::from_slice(&bytes).with_context(shown).map(Some)?)
 }
 
 /// True if a folder has manifests of shards, or the list of their scenes.

@@ -5,13 +5,14 @@ use std::{
     path::Path,
 };
 
-use anyhow::Result;
+use advsage::in_one_line;
 use rayon::prelude::*;
 use sage_data::dataset::Shard;
 
 use super::manifest::{
     Counts, FileRecord, MANIFEST, Manifest, SceneRecord, State, agreed_scenes, shard_files,
 };
+use crate::Result;
 
 /// A shard whose manifest is there.
 #[derive(Clone, Copy, Debug)]
@@ -90,7 +91,7 @@ impl Manifests {
                 self.is_contradicted = true;
                 let again =
                     if path.ends_with(MANIFEST) { "run the command again" } else { "run its shard again" };
-                self.problems.push(format!("{error:#}; remove it and {again}"));
+                self.problems.push(format!("{}; remove it and {again}", in_one_line(&error)));
                 None
             }
         }
@@ -177,7 +178,7 @@ fn wrong_file(folder: &Path, record: &SceneRecord, verify: bool) -> Option<Strin
             match FileRecord::of(folder, name) {
                 Ok(found) if found == *file => {}
                 Ok(_) => return Some(format!("the content of `{name}` is not what its manifest says")),
-                Err(error) => return Some(format!("{error:#}")),
+                Err(error) => return Some(in_one_line(&error)),
             }
         }
     }

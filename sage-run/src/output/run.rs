@@ -6,12 +6,12 @@
 
 use std::{io::ErrorKind, path::Path};
 
-use anyhow::{Context as _, Result, bail};
+use advsage::WithContext as _;
 use sage_core::files;
 use serde_json::{Value, json};
 
 use super::{Folder, Inputs, command};
-use crate::progress;
+use crate::{Error, Result, progress};
 
 /// File with the identity, results and duration of a run.
 pub const RECORD: &str = "run.json";
@@ -45,10 +45,10 @@ pub fn record_of(folder: &Path) -> Result<Option<Value>> {
     let path = folder.join(RECORD);
     match files::read_text(&path, RECORD_LIMIT) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(error).with_context(|| format!("cannot read `{}`", path.display())),
-        Ok(text) => serde_json::from_str(&text).with_context(|| {
+        Err(error) => Err(Error::from(error).within(format!("cannot read `{}`", path.display()))),
+        Ok(text) => Ok(serde_json::from_str(&text).with_context(|| {
             format!("`{}` is damaged; copy it again, or begin in another folder", path.display())
-        }),
+        })?),
     }
 }
 
@@ -110,10 +110,10 @@ impl Run {
             RunState::New
                 if !force && !run.folder.holds_at_most(if run.has_begun() { &[RECORD] } else { &[] })? =>
             {
-                bail!(
+                return Err(Error::Refused(format!(
                     "`{}` is not empty and holds no run of the same options, data and program; give --force to write into it anyway",
                     path.display()
-                );
+                )));
             }
             RunState::New => {
                 // The record goes first, so that it never marks a folder with missing results as done.

@@ -6,7 +6,7 @@
 
 use std::{collections::HashMap, io::ErrorKind};
 
-use anyhow::{Context as _, Result, anyhow, bail};
+use advsage::WithContext as _;
 use sage_core::files::{self, Existing};
 use sage_data::dataset::Shard;
 
@@ -19,8 +19,7 @@ use super::{
     manifests::{Manifests, ShardState, ranges},
 };
 use crate::{
-    Outcome,
-    outcome::EndsWith,
+    Error, Result,
     progress::{self, count},
 };
 
@@ -38,10 +37,10 @@ impl DatasetRun {
         match (self.extent, agreed.map(|agreed| difference(&agreed, names))) {
             (_, Some(None)) | (Extent::Whole, None) | (Extent::Join, _) => Ok(()),
             (Extent::Whole, Some(Some(_))) => self.write_scenes(names, Existing::Replace),
-            (Extent::Shard(_), Some(Some(difference))) => bail!(
+            (Extent::Shard(_), Some(Some(difference))) => Err(Error::Refused(format!(
                 "the scenes are not those with which `{}` was begun: {difference}; give all shards the same scenes",
                 path.display()
-            ),
+            ))),
             (Extent::Shard(_), None) => self.write_scenes(names, Existing::Keep),
         }
     }
@@ -51,7 +50,7 @@ impl DatasetRun {
         let path = self.folder.inner(SHARDS.as_ref())?.join(SCENES);
         match files::write(&path, &serde_json::to_vec(names)?, existing) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => self.agree_on_scenes(names),
-            outcome => outcome.with_context(|| format!("cannot write `{}`", path.display())),
+            outcome => Ok(outcome.with_context(|| format!("cannot write `{}`", path.display()))?),
         }
     }
 
@@ -74,13 +73,16 @@ impl DatasetRun {
         if let Some(difference) =
             difference(&manifests.scenes, names).filter(|_| !manifests.scenes.is_empty())
         {
-            bail!("the scenes are not those with which `{}` was begun: {difference}", path.display());
+            return Err(Error::Refused(format!(
+                "the scenes are not those with which `{}` was begun: {difference}",
+                path.display()
+            )));
         }
         if manifests.scenes.is_empty() {
-            bail!(
+            return Err(Error::Refused(format!(
                 "`{}` has no list of its scenes (`{SHARDS}/{SCENES}`); run any shard again",
                 path.display()
-            );
+            )));
         }
         let missing = manifests.missing().len();
         let kind = if missing > 0 { "error" } else { "warning" };
@@ -89,17 +91,13 @@ impl DatasetRun {
             let shards = manifests.shard_count().map_or(String::new(), |of| {
                 format!(", in shards {} of {of}", ranges(&manifests.unfinished_shards(of)))
             });
-            let error = anyhow!(
+            let error = Error::Refused(format!(
                 "{missing} of {} are missing in `{}`{shards}; `sage status` says how to finish them",
                 count(names.len(), "scene"),
                 path.display(),
-            );
+            ));
             // On a network file system they may only be seen late; a damaged manifest stays one.
-            return Err(if manifests.is_contradicted {
-                error
-            } else {
-                EndsWith(Outcome::Retry, error).into()
-            });
+            return Err(if manifests.is_contradicted { error } else { Error::Retry(Box::new(error)) });
         }
         let records = names.iter().filter_map(|name| manifests.records.remove(*name)).collect();
         Ok((records, manifests.shards))

@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use advsage::is_contact_now;
-use anyhow::{Result, ensure};
+use advsage::{in_one_line, is_contact_now};
 use sage_data::{ReadOptions, Recording};
 
 use super::{Failure, Input, Line, SceneReport, is_row_of};
-use crate::output::DatasetRun;
+use crate::{Error, Result, WorkError, causes, output::DatasetRun};
 
 /// A row of a scene that an earlier run wrote.
 pub struct FoundRow {
@@ -21,6 +20,9 @@ pub struct FoundRow {
 
 /// What a run does with each of its scenes. A row is written after the files that it names: a scene whose rows and files exist is finished.
 pub trait SceneJob: Sync {
+    /// An error of the work on a scene.
+    type Error: WorkError;
+
     /// How scenes are read.
     fn reading(&self) -> ReadOptions;
 
@@ -38,12 +40,22 @@ pub trait SceneJob: Sync {
     /// Works on a scene and writes its files.
     ///
     /// *Errors*: what is wrong with the scene. One in which the two cars touch *now* is left out.
-    fn work(&self, run: &DatasetRun, scene: &SceneFile, recording: Recording) -> Result<SceneReport>;
+    fn work(
+        &self,
+        run: &DatasetRun,
+        scene: &SceneFile,
+        recording: Recording,
+    ) -> Result<SceneReport, Self::Error>;
 
     /// Writes what says that a scene is left out. Returns its lines.
     ///
     /// *Errors*: it cannot be written.
-    fn leave_out(&self, _run: &DatasetRun, _scene: &SceneFile, _reason: &str) -> Result<Vec<Line>> {
+    fn leave_out(
+        &self,
+        _run: &DatasetRun,
+        _scene: &SceneFile,
+        _reason: &str,
+    ) -> Result<Vec<Line>, Self::Error> {
         Ok(Vec::new())
     }
 }
@@ -59,24 +71,26 @@ pub struct SceneFile<'i> {
 /// Does a job in a scene, unless its files exist.
 ///
 /// *Errors*: [`Failure`].
-pub fn work_on(job: &impl SceneJob, run: &DatasetRun, input: &Input) -> Result<SceneReport, Failure> {
-    let fail = |error: anyhow::Error| Failure::Scene(error);
+pub fn work_on<J: SceneJob>(
+    job: &J,
+    run: &DatasetRun,
+    input: &Input,
+) -> Result<SceneReport, Failure<J::Error>> {
     let reading = job.reading();
-    let bytes = sage_data::read_bytes(&input.file).map_err(|error| fail(error.into()))?;
+    let bytes = sage_data::read_bytes(&input.file).map_err(Error::from)?;
     let scene = SceneFile { input, hash: reading.source_hash(&bytes)[..16].to_owned() };
-    if let Some(found) = finished(job, run, &scene).map_err(fail)? {
+    if let Some(found) = finished(job, run, &scene)? {
         return Ok(found);
     }
-    let recording = Recording::from_bytes_as(&input.file, bytes, &reading);
-    let recording = recording.map_err(|error| fail(error.into()))?;
+    let recording = Recording::from_bytes_as(&input.file, bytes, &reading).map_err(Error::from)?;
     job.work(run, &scene, recording).map_err(|error| {
-        if !error.chain().any(is_contact_now) {
-            return fail(error);
+        if !causes(error.as_ref()).any(is_contact_now) {
+            return Failure::Scene(error);
         }
-        let reason = format!("{error:#}");
+        let reason = in_one_line(error.as_ref());
         match job.leave_out(run, &scene, &reason) {
             Ok(lines) => Failure::LeftOut { reason, lines },
-            Err(error) => fail(error),
+            Err(error) => Failure::Scene(error),
         }
     })
 }
@@ -96,12 +110,13 @@ fn finished(job: &impl SceneJob, run: &DatasetRun, scene: &SceneFile) -> Result<
         // A row of another run remains after --force with fewer scenes or shards.
         let row = if is_row_of(&path, run.hash()) { job.found(number, &path) } else { None };
         let Some(row) = row else { return Ok(None) };
-        ensure!(
-            row.source_hash == scene.hash,
-            "`{}` is of another `{}`; remove it to do the scene again, or name another --out",
-            path.display(),
-            scene.input.file.display()
-        );
+        if row.source_hash != scene.hash {
+            return Err(Error::Refused(format!(
+                "`{}` is of another `{}`; remove it to do the scene again, or name another --out",
+                path.display(),
+                scene.input.file.display()
+            )));
+        }
         if !row.files.iter().all(exists) {
             return Ok(None);
         }

@@ -8,11 +8,14 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use anyhow::{Context as _, Result};
+use advsage::{WithContext as _, in_one_line};
 use sage_data::checks::Warning;
 
 use super::row_file::json_line;
-use crate::progress::{Progress, count, say};
+use crate::{
+    AnyError, Result, io_causes,
+    progress::{Progress, count, say},
+};
 
 /// Scenes with a kind of warning from which on the kind is only counted: in some data sets every scene has it.
 const MOST_WARNINGS: usize = 20;
@@ -140,7 +143,7 @@ impl Report {
     /// Reports a failed scene.
     ///
     /// *Errors*: as [`Report::done`].
-    pub fn report_failure(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
+    pub fn report_failure(&self, number: usize, file: &Path, error: &AnyError) -> Result<()> {
         let mut state = self.state();
         state.failed += 1;
         state.progress.say(&format!("error: {}", named(file, error)));
@@ -225,22 +228,22 @@ impl Report {
         let bytes = if self.json {
             let row = self.folder.join(&line.row);
             json_line(&row, line.seconds, line.step_ms)
-                .with_context(|| format!("cannot read `{}`", row.display()))?
+                .map_err(|error| error.within(format!("cannot read `{}`", row.display())))?
         } else {
             format!("{}\n", line.text).into_bytes()
         };
         let mut out = std::io::stdout().lock();
-        out.write_all(&bytes).and_then(|()| out.flush()).context("cannot write to standard output")
+        let written = out.write_all(&bytes).and_then(|()| out.flush());
+        Ok(written.with_context(|| "cannot write to standard output")?)
     }
 }
 
 /// An error that names its file.
-pub(super) fn named(file: &Path, error: &anyhow::Error) -> String {
-    let (file, error) = (format!("`{}`", file.display()), format!("{error:#}"));
+pub(super) fn named(file: &Path, error: &AnyError) -> String {
+    let (file, error) = (format!("`{}`", file.display()), in_one_line(error));
     if error.contains(&file) { error } else { format!("{file}: {error}") }
 }
 
-fn is_closed(error: &anyhow::Error) -> bool {
-    let io = error.downcast_ref::<std::io::Error>();
-    io.is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+fn is_closed(error: &AnyError) -> bool {
+    io_causes(error).any(|error| error.kind() == ErrorKind::BrokenPipe)
 }

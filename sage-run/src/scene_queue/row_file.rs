@@ -3,7 +3,6 @@
 use std::{borrow::Cow, fmt, path::Path};
 
 use advsage::rows::ROW_LIMIT;
-use anyhow::Result;
 use sage_core::files;
 use serde::{
     Deserialize, Deserializer, Serialize, Serializer,
@@ -11,7 +10,7 @@ use serde::{
 };
 use serde_json::value::RawValue;
 
-use crate::terminal;
+use crate::{Result, terminal};
 
 /// True if a file is a row of the run with a hash. A row is a JSON object whose first field is `run_hash`.
 pub fn is_row_of(path: &Path, run_hash: &str) -> bool {

@@ -5,12 +5,13 @@ use std::{
     sync::Arc,
 };
 
-use anyhow::{Result, bail};
 use sage_core::scene::SceneData;
 use sage_data::{
     ReadOptions, Recording,
     procedural::{self, Kind},
 };
+
+use crate::{Error, Result};
 
 /// One scene, and the hash of its content at the first reading.
 #[derive(Clone)]
@@ -45,7 +46,7 @@ impl Entry {
             }
         };
         if self.content.is_some_and(|content| content != data.scene.content_hash()) {
-            bail!("`{}` changed during the run; start again", data.name);
+            return Err(Error::Refused(format!("`{}` changed during the run; start again", data.name)));
         }
         Ok(Some(Arc::new(data)))
     }

@@ -1,7 +1,9 @@
 //! Scenes of a list that could not be read or worked on.
 
+use advsage::in_one_line;
+
 use crate::{
-    Outcome,
+    AnyError, Outcome,
     outcome::may_pass,
     progress::{self, count},
 };
@@ -16,9 +18,9 @@ pub struct Failed {
 }
 
 impl Failed {
-    pub(super) fn add(&mut self, error: &anyhow::Error) {
+    pub(super) fn add(&mut self, error: &AnyError) {
         let separator = if self.reason.is_empty() { "" } else { "; " };
-        self.reason += &format!("{separator}{error:#}");
+        self.reason += &format!("{separator}{}", in_one_line(error));
         self.may_pass |= may_pass(error);
     }
 }

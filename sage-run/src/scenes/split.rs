@@ -5,8 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context as _, Result, bail};
+use advsage::WithContext as _;
 use sage_data::{ReadOptions, folder};
+
+use crate::{Error, Result};
 
 /// Which of the given scenes a run takes.
 #[derive(Clone, Debug, Default)]
@@ -35,11 +37,11 @@ pub(super) fn selected(mut files: Vec<PathBuf>, split: &Filter) -> Result<Vec<Pa
     let is_named = |file: &Path, name: &String| names.get(file) == Some(name);
     let among = |names: &[String], file: &Path| names.iter().any(|name| is_named(file, name));
     if let Some(missing) = split.scenes.iter().find(|name| !files.iter().any(|file| is_named(file, name))) {
-        bail!("no scene `{missing}` among the {} given", files.len());
+        return Err(Error::Refused(format!("no scene `{missing}` among the {} given", files.len())));
     }
     if let Some(file) = &split.splits {
         if split.split.is_none() && split.without_split.is_none() {
-            bail!("--splits needs --split or --without-split");
+            return Err(Error::Refused("--splits needs --split or --without-split".to_owned()));
         }
         let with = names_in(file, split.split.as_deref())?;
         let without = names_in(file, split.without_split.as_deref())?;
@@ -51,10 +53,10 @@ pub(super) fn selected(mut files: Vec<PathBuf>, split: &Filter) -> Result<Vec<Pa
     if !split.scenes.is_empty() {
         files.retain(|file| among(&split.scenes, file));
     }
-    if files.is_empty() {
-        bail!("no scene matches --splits and --scenes");
+    match files.is_empty() {
+        true => Err(Error::Refused("no scene matches --splits and --scenes".to_owned())),
+        false => Ok(files),
     }
-    Ok(files)
 }
 
 /// Names of the scenes of a split, if a split is given.
@@ -65,5 +67,6 @@ fn names_in(file: &Path, split: Option<&str>) -> Result<Option<Vec<String>>> {
     let mut known = sage_data::split::read_splits(file)?;
     let all = known.keys().cloned().collect::<Vec<_>>().join(", ");
     let found = known.remove(split);
-    found.with_context(|| format!("`{}` has no split `{split}`; known: {all}", file.display())).map(Some)
+    let missing = || format!("`{}` has no split `{split}`; known: {all}", file.display());
+    Ok(Some(found.with_context(missing)?))
 }

@@ -103,7 +103,7 @@ pub(super) fn write(
         escaped(&output::command()),
         escaped(&(report.words.iter().map(|(_, words)| &**words).collect::<String>() + &report.notes)),
     );
-    folder.write("index.html", page.as_bytes())
+    Ok(folder.write("index.html", page.as_bytes())?)
 }
 
 /// Number of a metric that pictures need.

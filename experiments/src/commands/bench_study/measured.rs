@@ -64,7 +64,7 @@ impl SceneSource<anyhow::Error> for ChosenScenes<'_> {
     }
 
     fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>> {
-        self.scenes.load(number)
+        Ok(self.scenes.load(number)?)
     }
 }
 

@@ -160,7 +160,12 @@ impl Source {
     /// Converts the rows of a scene.
     ///
     /// *Errors*: [`Failure`].
-    fn convert(&self, args: &ConvertArgs, run: &DatasetRun, input: &Input) -> Result<SceneReport, Failure> {
+    fn convert(
+        &self,
+        args: &ConvertArgs,
+        run: &DatasetRun,
+        input: &Input,
+    ) -> Result<SceneReport, Failure<anyhow::Error>> {
         let files = self.attacked(args, run, input).map_err(Failure::Scene)?;
         if files.is_empty() {
             let reason = "its rows say that it is left out".to_owned();

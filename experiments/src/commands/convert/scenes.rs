@@ -7,10 +7,7 @@ use std::{
 
 use advsage::scenario_files;
 use anyhow::{Context as _, Result, anyhow};
-use sage_core::{
-    defect::Defect,
-    files::{self, Existing},
-};
+use sage_core::files::{self, Existing};
 use sage_data::{
     EncodedGpuDrive, Format, Recording, dataset, folder,
     openscenario::{Export, Options},
@@ -19,8 +16,8 @@ use sage_data::{
     womd::VERSION,
 };
 use sage_run::{
-    Outcome,
-    outcome::{EndsWith, caught, may_pass, may_succeed_later},
+    Error,
+    outcome::{caught, is_defect, may_pass, may_succeed_later},
     output::{self, DatasetRun, Extent, FileRecord, SceneRecord, State},
     progress::{self, Progress},
 };
@@ -91,9 +88,9 @@ pub(super) fn convert(
                     tally.records.push(record);
                     if is_found { progress.step_found() } else { progress.step() }
                 }
-                Err(error) if output::is_disk_full(&error) => return Err(error),
+                Err(error) if output::is_disk_full(error.as_ref()) => return Err(error),
                 Err(error) => {
-                    let state = if may_pass(&error) { State::Retry } else { State::Bad };
+                    let state = if may_pass(error.as_ref()) { State::Retry } else { State::Bad };
                     tally.failed += 1;
                     tally.records.push(SceneRecord::new(&name, state, format!("{error:#}")));
                     progress.step();
@@ -105,7 +102,7 @@ pub(super) fn convert(
     )?;
     // The shards could not agree on the names.
     if let Some(problem) = names.refused {
-        return Err(EndsWith(Outcome::Retry, anyhow!(problem)).into());
+        return Err(Error::Retry(Box::new(Error::Refused(problem))).into());
     }
     tally.names = names.all;
     Ok(())
@@ -141,8 +138,9 @@ impl Names<'_> {
                 dataset,
             ),
             Err(error) => {
+                let is_of_the_system = may_succeed_later(&error);
                 let error = anyhow::Error::from(error);
-                if may_succeed_later(&error) {
+                if is_of_the_system {
                     self.refused.get_or_insert_with(|| format!("{error:#}"));
                 }
                 let own = path.to_string_lossy().into_owned();
@@ -180,7 +178,7 @@ impl Names<'_> {
         if let Some(parent) = name.parent().filter(|parent| !parent.as_os_str().is_empty())
             && self.folders.insert(parent.to_owned())
         {
-            self.run.folder().inner(parent).map_err(|error| (name.clone(), error))?;
+            self.run.folder().inner(parent).map_err(|error| (name.clone(), error.into()))?;
         }
         Ok(Some(Job::Convert(item, name)))
     }
@@ -201,7 +199,7 @@ fn one(args: &ConvertArgs, folder: &Path, job: Job, known: &HashMap<String, Vec<
             let path = item.path().display().to_string();
             let result = caught(|| converted(args, folder, item, &name, known));
             let named = |error: anyhow::Error| {
-                if error.is::<Defect>() { error.context(format!("`{path}`")) } else { error }
+                if is_defect(error.as_ref()) { error.context(format!("`{path}`")) } else { error }
             };
             Done { result: result.map_err(named), name }
         }

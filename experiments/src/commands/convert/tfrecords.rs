@@ -13,6 +13,7 @@ use sage_data::{
     womd::{self, EncodedScenario},
 };
 use sage_run::{
+    outcome::may_succeed_later,
     output::{DatasetRun, Extent, SceneRecord, State},
     progress::Progress,
 };
@@ -95,7 +96,7 @@ pub(super) fn convert(
         if !extent.holds(&name) {
             for item in items.by_ref().take(size) {
                 // The number of its scenes would be wrong, and with it the content of all further files.
-                if item.problem().is_some_and(is_of_the_system) {
+                if item.problem().is_some_and(|problem| may_succeed_later(problem)) {
                     item.read(&args.reading.options())?;
                 }
             }
@@ -201,7 +202,7 @@ fn write_file(
                     }
                 }
                 // Stored as missing it would stay so; the next run reads it again.
-                Err(error) if is_of_the_system(&error) => {
+                Err(error) if may_succeed_later(&error) => {
                     stopped = Some(error);
                     return Err(std::io::ErrorKind::Other.into());
                 }
@@ -219,10 +220,4 @@ fn write_file(
     }
     written.with_context(|| format!("cannot write `{}`", path.display()))?;
     Ok(facts)
-}
-
-/// True if the system refused to read a scene, so that another try may succeed.
-fn is_of_the_system(error: &sage_data::Error) -> bool {
-    std::iter::successors(Some(error as &dyn std::error::Error), |error| error.source())
-        .any(sage_run::outcome::is_refusal)
 }

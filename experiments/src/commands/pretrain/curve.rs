@@ -33,5 +33,5 @@ pub(super) fn write(folder: &Folder, rows: &[EpochRow]) -> Result<()> {
         (name.to_owned(), points.collect())
     };
     let picture = line::draw(["epoch", "value"], LINES.map(line).to_vec())?;
-    folder.write("curve.svg", picture.as_bytes())
+    Ok(folder.write("curve.svg", picture.as_bytes())?)
 }

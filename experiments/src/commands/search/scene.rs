@@ -41,6 +41,8 @@ pub(super) fn picture_file(scene: &str) -> String {
 }
 
 impl SceneJob for Searcher<'_> {
+    type Error = anyhow::Error;
+
     fn reading(&self) -> ReadOptions {
         self.args.reading.options()
     }

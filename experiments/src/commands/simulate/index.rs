@@ -55,5 +55,5 @@ pub(super) fn write(folder: &Folder, simulation: &Job, inputs: &[Input], run_has
         escaped(&simulation.subtitle),
         hits
     );
-    folder.write(FILE, page.as_bytes())
+    Ok(folder.write(FILE, page.as_bytes())?)
 }

@@ -38,6 +38,8 @@ pub(super) fn page_file(scene: &str) -> String {
 }
 
 impl SceneJob for Job<'_> {
+    type Error = anyhow::Error;
+
     fn reading(&self) -> ReadOptions {
         self.args.reading.options()
     }

@@ -186,7 +186,7 @@ pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
         for row in rows {
             terminal::write_json_line(&mut out, &serde_json::to_string(row)?)?;
         }
-        return output::print(&String::from_utf8(out)?);
+        return Ok(output::print(&String::from_utf8(out)?)?);
     }
     let heads = ["test", "result", "what happened", "found with", "cluster"];
     let mut table = Table { names: 3, ..Table::new("", &heads) };
@@ -201,7 +201,7 @@ pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
         let cells = [result, &row.words(), row.found_with, row.cluster].map(terminal::escaped_name);
         table.row(terminal::escaped_name(&row.head.test), cells);
     }
-    output::print(&if args.wide { table.aligned() } else { table.terminal() })
+    Ok(output::print(&if args.wide { table.aligned() } else { table.terminal() })?)
 }
 
 /// Says how many tests passed. Done unless a test counts against the driver.

@@ -72,7 +72,7 @@ impl Page<'_> {
         }
         html += "</main></html>\n";
         folder.write(HTML, html.as_bytes())?;
-        folder.write(MARKDOWN, format!("{}\n", markdown.trim_end()).as_bytes())
+        Ok(folder.write(MARKDOWN, format!("{}\n", markdown.trim_end()).as_bytes())?)
     }
 
     fn blocks(&self) -> Vec<Block<'_>> {

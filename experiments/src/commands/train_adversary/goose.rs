@@ -165,7 +165,7 @@ fn tests<'e>(list: &Scenes, train: &[SceneData], given: usize, ego: &'e Ego, see
             Ok(DriverInScene { test, ctx }) => {
                 kept.push(Tested { test, ctx, name: (number < given).then(|| data.name.clone()) });
             }
-            Err(error) if number < given => list.fail(&data.name, &error),
+            Err(error) if number < given => list.fail(&data.name, error.as_ref()),
             Err(_) => {}
         }
     }
@@ -177,7 +177,7 @@ fn seats<'a>(list: &Scenes, tests: &'a [Tested<'a>], options: &TrainingOptions) 
     let one = |Tested { test, ctx, name }: &'a Tested<'a>| match (Seat::new(test, ctx, options), name) {
         (Ok(seat), _) => Some(seat),
         (Err(error), Some(name)) => {
-            list.fail(name, &error);
+            list.fail(name, error.as_ref());
             None
         }
         (Err(_), None) => None,

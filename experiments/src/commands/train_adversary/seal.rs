@@ -218,7 +218,7 @@ fn collect(scenes: &Scenes, train: &[SceneData], candidates: &BuiltGenerator, se
     for (collected, data) in all.into_iter().zip(train) {
         match collected {
             Ok(collected) => sum.add(collected),
-            Err(error) => scenes.fail(&data.name, &error),
+            Err(error) => scenes.fail(&data.name, error.as_ref()),
         }
     }
     sum

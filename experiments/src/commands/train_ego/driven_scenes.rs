@@ -81,7 +81,7 @@ fn driveable(
     loaded.retain(|data| match SimScene::new(data.scene.clone(), data.index.clone()) {
         Ok(_) => true,
         Err(error) => {
-            all.fail(&data.name, &error.into());
+            all.fail(&data.name, &error);
             false
         }
     });

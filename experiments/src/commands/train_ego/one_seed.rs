@@ -118,10 +118,10 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
         &format!("{name}/evaluations.csv"),
         report::curve_csv(&shared.columns, std::slice::from_ref(trained)).as_bytes(),
     )?;
-    run.folder().write(
+    Ok(run.folder().write(
         &format!("{name}/episodes.csv"),
         report::episodes_csv(&shared.columns, trained, &shared.scenes.names).as_bytes(),
-    )
+    )?)
 }
 
 fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCard {

@@ -124,7 +124,7 @@ pub(super) fn write(run: &Run, columns: &Columns, trained: &[Trained]) -> Result
     let ranges = Some([0.0..1.6 * end.max(0.001), 0.0..1.0]);
     let axes = ["thousand steps", "share, mean of seeds"];
     let chart = Chart { axes, lines, ranges, ..Chart::default() };
-    run.folder().write("curves.svg", chart.draw()?.as_bytes())
+    Ok(run.folder().write("curves.svg", chart.draw()?.as_bytes())?)
 }
 
 /// Means over the newest evaluations of a seed, per kind of scenes; `None` without any.

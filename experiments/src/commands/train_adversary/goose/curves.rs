@@ -72,7 +72,7 @@ pub(super) fn write(ended: &[Ended], losses: &[Losses], folder: &Folder) -> Resu
     folder.write(TABLE, of_table(&table).as_bytes())?;
     let lines: Vec<Line> = vec![("goal reached".to_owned(), goal), ("contact".to_owned(), contact)];
     let picture = line::draw(["decision", "share of scenes, %"], lines)?;
-    folder.write(PICTURE, picture.as_bytes())
+    Ok(folder.write(PICTURE, picture.as_bytes())?)
 }
 
 /// Shares of scenes that reached the goal in the first and in the last fifth of the training, and their difference; intervals

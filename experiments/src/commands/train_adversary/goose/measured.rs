@@ -63,7 +63,7 @@ pub(super) fn measure(
         for (found, data) in all.into_iter().zip(dev) {
             match found {
                 Ok(found) => scenes.extend(found),
-                Err(error) => list.fail(&data.name, &error),
+                Err(error) => list.fail(&data.name, error.as_ref()),
             }
         }
         outcomes(&scenes, name)

@@ -90,7 +90,7 @@ pub(super) fn measure(
     for (measured, data) in all.into_iter().zip(dev) {
         match measured {
             Ok(measured) => scenes.push(measured),
-            Err(error) => list.fail(&data.name, &error),
+            Err(error) => list.fail(&data.name, error.as_ref()),
         }
     }
     let mean_of = |name: &str, values: Vec<f64>| {

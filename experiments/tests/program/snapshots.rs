@@ -45,8 +45,10 @@ fn without_time(line: &str) -> String {
             |cell: &&str| cell.trim().strip_suffix(" ms").is_none_or(|ms| ms.parse::<f64>().is_err());
         return line.split('|').filter(is_time).collect::<Vec<_>>().join("|").replacen('\n', " [time]\n", 1);
     }
+    let line_end =
+        [" s)", " ms)", " ms a step)"].into_iter().find_map(|unit| line.trim_end().strip_suffix(unit));
     let time = || {
-        let (said, time) = line.trim_end().strip_suffix(" s)")?.rsplit_once('(')?;
+        let (said, time) = line_end?.rsplit_once('(')?;
         time.parse::<f64>().is_ok().then(|| format!("{said}([time])\n"))
     };
     time().unwrap_or_else(|| line.to_owned())

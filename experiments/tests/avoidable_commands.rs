@@ -6,7 +6,6 @@ mod program;
 
 use std::fs;
 
-use insta::assert_snapshot;
 use program::*;
 use serde_json::{Value, json};
 
@@ -48,13 +47,6 @@ fn a_witness_given_back_as_the_egos_path_is_not_hit() {
     let weak = score(&candidates, &["--avoidable", r#"{"brake": 2, "lateral": 1, "accelerate": 0.5}"#]);
     let weak = weak.iter().find(|row| row["name"] == "slow to meet").unwrap();
     assert!(weak["latest_start"].as_f64().unwrap() > time, "{weak}");
-    let wrong = [r#"{"brake": 0}"#, r#"{"brakes": 1}"#, r#"{"refinement": 9}"#];
-    let refused = |options: &str| {
-        let run = sage(&["score", &scene, "--candidates", &candidates, "--avoidable", options]);
-        assert_eq!(run.status.code(), Some(2), "{options}");
-        stderr(&run).to_owned()
-    };
-    assert_snapshot!("wrong_limits_of_a_driver", messages(wrong.map(|options| (options, refused(options)))));
 }
 
 #[test]
@@ -104,38 +96,5 @@ fn generated_attacks_say_how_late_they_are_avoidable_and_a_latest_start_chooses(
             }
         }
         assert!(notes < 4, "{target}");
-    }
-    let error = sage(&["generate", text(&scenes), "--latest-start", "9", "--out", "x"]);
-    assert_snapshot!(stderr(&error), @r"
-    error: invalid value '9' for '--latest-start <T>': 9 is not a time from 0 to 8 seconds
-
-    For more information, try '--help'.
-    ");
-}
-
-#[test]
-fn the_latest_start_is_measured_over_generators_and_in_the_table() {
-    let folder = tempfile::tempdir().unwrap();
-    let [scenes, react, table] = ["scenes", "latest-start", "table"].map(|name| folder.path().join(name));
-    stdout(&sage(&["scenes", "--count", "3", "--seed", "4", "--out", text(&scenes)]));
-    let methods = ["--method", "sage,rule"];
-    let bench = ["bench", "latest-start", text(&scenes), "--latest-start", "0.5,2", "--out", text(&react)];
-    let measured = sage(&[&bench[..], &methods].concat());
-    assert_snapshot!("latest_starts", stdout(&measured));
-    let csv = fs::read_to_string(react.join("rows.csv")).unwrap();
-    assert_eq!(csv.lines().filter(|line| line.contains(",time chosen,")).count(), 2 * 2 * 3);
-
-    let bench = ["bench", "open-loop", text(&scenes), "--lambda", "1", "--avoidable", "--out", text(&table)];
-    stdout(&sage(&[&bench[..], &methods].concat()));
-    let csv = fs::read_to_string(table.join("estimates.csv")).unwrap();
-    for column in [
-        "avoidable",
-        "\"avoidable, nobody behind\"",
-        "recovers",
-        "latest start",
-        "\"latest start, braking\"",
-        "\"latest start, steering\"",
-    ] {
-        assert!(csv.contains(&format!("sage 1.00,{column},")), "{column}: {csv}");
     }
 }

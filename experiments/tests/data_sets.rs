@@ -237,29 +237,6 @@ fn metadrive_drives_attacked_scenes_and_its_exports_are_attacked_again() {
 }
 
 #[test]
-fn either_format_comes_alone_if_asked() {
-    let folder = tempfile::tempdir().unwrap();
-    let endings = |format: &str| {
-        let out = folder.path().join(format);
-        stdout(&sage(
-            &[
-                &["generate", &example(), "--out", text(&out), "--format"][..],
-                &format.split(' ').collect::<Vec<_>>(),
-                &WEIGHTS,
-            ]
-            .concat(),
-        ));
-        let names = files(&out).into_keys();
-        names.map(|name| name.rsplit('.').next().unwrap().to_owned()).collect::<Vec<_>>().join(" ")
-    };
-    assert_eq!(endings("native"), "json safetensors html svg html jsonl");
-    assert_eq!(endings("pickle"), "json html svg pkl pkl html jsonl pkl");
-    assert_eq!(endings("rows"), "json html svg html jsonl");
-    assert_eq!(endings("rows --no-pages"), "json jsonl");
-    assert_eq!(endings("pickle --no-pages"), "json pkl pkl jsonl pkl");
-}
-
-#[test]
 fn a_finished_scene_stays_finished_and_its_rows_are_printed_again() {
     let folder = tempfile::tempdir().unwrap();
     let scenes = scenes(folder.path(), 4);
@@ -269,17 +246,6 @@ fn a_finished_scene_stays_finished_and_its_rows_are_printed_again() {
     assert_eq!(record(&out)["results"], serde_json::json!({"scenes": 4, "done": 4}));
     assert!(record(&out)["seconds"].is_number() && rows(&first).iter().all(|row| row["seconds"].is_number()));
     let again = generate(&scenes, &out, &["--json"]);
-    assert_snapshot!(redacted(stderr(&again)), @r"
-    note: weights `procedural` (network densetnt)
-    note: `[folder]/out` holds this run, and it is done
-    4 scenes, 4 of them finished before, 8 attempts in `[folder]/out` ([time])
-    | λ    | scenes |  attacked | believable | avoidable | by R157 | why not, most often      |
-    | ---- | -----: | --------: | ---------: | --------: | ------: | ------------------------ |
-    | 0.00 |      4 |  1 (25 %) |   1 (25 %) |    1 of 1 |  1 of 1 | none touches the ego (2) |
-    | 1.00 |      4 | 4 (100 %) |  4 (100 %) |    4 of 4 |  1 of 4 | -                        |
-    why there is no attack: `sage explain [folder]/out/straight-1-0-lambda0.00.json`
-    to look at the attacks, open `[folder]/out/index.html`
-    ");
     let plain = |output: &Output| {
         let rows = rows(output).into_iter().map(|mut row| {
             row["seconds"] = Value::Null;
@@ -303,24 +269,6 @@ fn a_finished_scene_stays_finished_and_its_rows_are_printed_again() {
     stdout(&generate(&scenes, &out, &[]));
     std::fs::remove_file(out.join("curve-1-1.svg.tmp")).unwrap();
     assert!(files(&out) == whole && time(&untouched) == before);
-}
-
-#[test]
-fn another_run_or_another_scene_of_the_same_name_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let scenes = scenes(folder.path(), 2);
-    let out = folder.path().join("out");
-    stdout(&generate(&scenes, &out, &[]));
-    let whole = hostile::snapshot(&out);
-    let other = generate(&scenes, &out, &["--seed", "1"]);
-    assert!(hostile::snapshot(&out) == whole);
-    std::fs::copy(scenes.join("straight-1-0.pkl"), scenes.join("curve-1-1.pkl")).unwrap();
-    let changed = generate(&scenes, &out, &[]);
-    let said = [("--seed 1", stderr(&other)), ("another scene of the same name", stderr(&changed))];
-    assert_snapshot!("a_folder_of_another_run", messages(said));
-    // With --force the run starts again.
-    stdout(&generate(&scenes, &out, &["--force"]));
-    assert_eq!(record(&out)["results"]["done"], 2);
 }
 
 #[test]
@@ -365,12 +313,6 @@ fn shards_at_once_leave_the_folder_of_one_run() {
     stdout(&generate(&scenes, &at("later"), &["--shard", "1/2"]));
     stdout(&sage(&["join", text(&at("later"))]));
     assert!(files(&at("later")) == files(&at("whole")));
-    let said = ["0/2", "3/2", "1", "x"].map(|wrong| {
-        let output = generate(&scenes, &at("later"), &["--shard", wrong]);
-        assert_eq!(output.status.code(), Some(2), "{wrong}");
-        (wrong, stderr(&output).to_owned())
-    });
-    assert_snapshot!("wrong_shards", messages(said));
 }
 
 #[test]
@@ -397,21 +339,6 @@ fn rows_of_another_run_never_count_as_done() {
     stdout(&generate(&scenes, &out, &["--seed", "1", "--force"]));
     assert_eq!(seeds(&out), [1].into());
     assert_eq!(record(&out)["results"]["done"], 6);
-}
-
-#[test]
-fn force_leaves_nothing_of_the_run_that_it_replaces() {
-    let folder = tempfile::tempdir().unwrap();
-    let scenes = scenes(folder.path(), 2);
-    let [out, fresh] = ["out", "fresh"].map(|name| folder.path().join(name));
-    stdout(&generate(&scenes, &out, &[]));
-    std::fs::write(out.join("notes.txt"), "mine").unwrap();
-    let native = ["--seed", "1", "--format", "native"];
-    stdout(&generate(&scenes, &out, &[&native[..], &["--force"]].concat()));
-    stdout(&generate(&scenes, &fresh, &native));
-    assert_eq!(std::fs::read(out.join("notes.txt")).unwrap(), b"mine");
-    std::fs::remove_file(out.join("notes.txt")).unwrap();
-    assert!(files(&out) == files(&fresh), "{:?}", files(&out).keys());
 }
 
 #[test]

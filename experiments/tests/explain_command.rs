@@ -4,9 +4,6 @@
 
 mod program;
 
-use std::path::Path;
-
-use insta::assert_snapshot;
 use program::*;
 use serde_json::Value;
 
@@ -101,24 +98,6 @@ fn explain_draw_and_score_read_rows() {
     }
     let row = at("rows/crossing-lambda1.00.json");
     let scene = example();
-    let other = at("other.pkl");
-    std::fs::copy(at("pickle/run.json"), at("no.json")).unwrap();
-    let bytes = std::fs::read(pickle(Path::new(&at("pickle")), "crossing-lambda0.00")).unwrap();
-    std::fs::write(&other, bytes).unwrap();
-    let said = [
-        ("no scene file", failure(&["explain", &row])),
-        ("another scene", failure(&["explain", &row, "--of", &other])),
-        ("options", failure(&["explain", &row, "--lambda", "1"])),
-        ("no row", failure(&["explain", &at("no.json")])),
-        ("a scene with --of", failure(&["explain", &scene, "--of", &scene])),
-    ];
-    assert_snapshot!("rows_that_cannot_be_explained", messages(said));
-    let svg = at("candidates.svg");
-    stdout(&sage(&["explain", &row, "--of", &scene, "--svg", &svg]));
-    assert!(std::fs::read_to_string(&svg).unwrap().contains("no contact"));
-    assert!(failure(&["explain", &row, "--of", &scene, "--svg", &svg]).contains("--force"));
-    stdout(&sage(&["explain", &row, "--of", &scene, "--svg", &svg, "--force"]));
-    assert!(failure(&["explain", &row, "--of", &scene, "--svg", &scene, "--force"]).contains("an input"));
     let candidates = serde_json::from_slice::<Value>(&std::fs::read(&row).unwrap()).unwrap();
     let scored = rows(&sage(&["score", &scene, "--candidates", &row, "--json"]));
     let all = candidates["candidates"].as_array().unwrap();
@@ -128,12 +107,4 @@ fn explain_draw_and_score_read_rows() {
     }
     let drawn = stdout(&sage(&["draw", &scene, "--candidates", &row, "--out", "-"])).to_owned();
     assert!(drawn.contains("selected"));
-    // A row of a search says what came of its plans.
-    let search = ["search", &scene, "--ego", "idm", "--budget", "4", "--out", &at("found")];
-    stdout(&sage(&[&search[..], &WEIGHTS].concat()));
-    let text = stdout(&sage(&["explain", &at("found/crossing.json")])).to_owned();
-    assert!(text.contains("plans proposed") && text.contains("failures"), "{text}");
-    let failed = failure(&["explain", &at("found/crossing-failure1.json")]);
-    assert!(failed.contains("found/crossing.json"), "{failed}");
-    assert!(failure(&["explain", &at("found")]).contains("is a folder"));
 }

@@ -170,52 +170,6 @@ fn a_planner_that_depends_on_more_than_its_messages_is_told() {
         run(folder.path(), &["simulate", "scenes", "--ego", PLANNER, "--check-planner", "--out", "out"]);
     assert_eq!(output.status.code(), Some(1));
     assert_snapshot!(redacted(stderr(&output)));
-    let output =
-        run(folder.path(), &["simulate", "scenes", "--ego", "idm", "--check-planner", "--out", "out2"]);
-    assert_snapshot!(redacted(stderr(&output)), @"error: --check-planner needs a planner that is a program: --ego 'cmd:COMMAND'");
-}
-
-#[test]
-fn only_the_command_line_names_a_program() {
-    let folder = desk("");
-    let marker = folder.path().join("started");
-    let touch = format!("cmd:touch {}", marker.display());
-    let study = |ego: &str| {
-        let file = folder.path().join("study.yaml");
-        let ego = serde_json::to_string(ego).unwrap();
-        fs::write(
-            &file,
-            format!("study: mine\nsummary: x\nmeasure: [drive]\nego: [{ego}]\nmetrics: {{drive: [\"*\"]}}\n"),
-        )
-        .unwrap();
-        run(folder.path(), &["bench", "study.yaml", "scenes", "--out", "out"])
-    };
-    for ego in [
-        &*touch,
-        &format!("idm,{touch}"),
-        &format!(r#"process{{"command":["touch","{}"]}}"#, marker.display()),
-    ] {
-        let output = study(ego);
-        assert_eq!(output.status.code(), Some(1), "{ego}");
-        let said = stderr(&output);
-        assert!(said.contains("a file names no program") || said.contains("unknown policy"), "{ego}: {said}");
-    }
-    assert!(!marker.exists(), "a study started a program");
-    assert_eq!(study("idm").status.code(), Some(0));
-}
-
-#[test]
-fn times_to_answer_are_checked() {
-    let folder = desk("");
-    let said = |times: &str| {
-        stderr(&run(
-            folder.path(),
-            &["simulate", "scenes", "--ego", PLANNER, "--ego-timeout", times, "--out", "out"],
-        ))
-        .to_owned()
-    };
-    let messages = ["", "1,2", "1,2,x", "0", "-1", "nan", "1e9"].map(|times| (times.to_owned(), said(times)));
-    assert_snapshot!("times_to_answer", program::messages(messages));
 }
 
 #[test]

@@ -1,19 +1,13 @@
-//! `sage simulate` and `bench open-loop --ego` as a user runs them.
+//! Rows and pages of `sage simulate`; the rest is in `commands/simulate.md`.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
 mod program;
 
-use std::{fs, path::Path};
+use std::fs;
 
-use insta::assert_snapshot;
 use program::*;
 use serde_json::{Value, json};
-
-/// Writes procedural scenes into a folder.
-fn scenes(folder: &Path, count: &str) {
-    stdout(&sage(&["scenes", "--count", count, "--seed", "4", "--out", text(folder)]));
-}
 
 #[test]
 fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
@@ -106,7 +100,6 @@ fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
     let generated = &rows(&sage(&[&generate[..], &WEIGHTS].concat()))[0];
     assert_eq!(generated["adversary"], "leader");
     let name = format!("{}-{}", generated["scene"].as_str().unwrap(), generated["variant"].as_str().unwrap());
-    let mut refused = Vec::new();
     for ending in ["json", "safetensors"] {
         let out = folder.path().join(format!("other-{ending}"));
         let attack = by_other.join(format!("{name}.{ending}"));
@@ -114,15 +107,7 @@ fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
             ["simulate", &scene, "--attack", text(&attack), "--ego", "replay", "--json", "--out", text(&out)];
         let row = &rows(&sage(&arguments))[0];
         assert_eq!((&row["adversary"], row["attack"]["verdict"].is_object()), (&json!("leader"), true));
-        refused.push((ending, failure(&[&arguments[..], &["--force", "--adversary", "crosser"]].concat())));
     }
-    assert_snapshot!(messages(refused), @r"
-    json -> error: `[sage]/examples/crossing.pkl`: the adversary of `[folder]/by-other/crossing-lambda1.00.json` is `leader`, not `crosser`
-        error: the scene could not be driven
-    safetensors -> error: `[sage]/examples/crossing.pkl`: the adversary of `[folder]/by-other/crossing-lambda1.00.safetensors` is `leader`, not `crosser`
-        error: the scene could not be driven
-    ");
-
     // The same command again changes nothing.
     let page = out.join("crossing.html");
     let written = fs::metadata(&page).unwrap().modified().unwrap();
@@ -189,184 +174,6 @@ fn names_cannot_break_out_of_the_page() {
     let (_, data) = page.split_once("type=\"application/json\">").unwrap();
     let data: Value = serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap();
     assert_eq!(data["title"], name);
-}
-
-#[test]
-fn a_scene_that_fails_is_named_and_the_others_go_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let (input, out) = (folder.path().join("scenes"), folder.path().join("out"));
-    scenes(&input, "7");
-    fs::write(input.join("broken.pkl"), b"no scene").unwrap();
-    let arguments = ["simulate", text(&input), "--ego", "idm,expert", "--json", "--out", text(&out)];
-    let output = sage(&arguments);
-    assert_eq!(output.status.code(), Some(BAD_SCENES));
-    assert_snapshot!(redacted(stderr(&output)), @r"
-    error: `[folder]/scenes/broken.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo TFRecord file
-    7 scenes, 14 drives in `[folder]/out` ([time])
-    | driver | drives | contact | at fault | off road |
-    | ------ | -----: | ------: | -------: | -------: |
-    | idm    |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
-    | expert |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
-    | driver | time a step | 99 % of steps |
-    | ------ | ----------: | ------------: |
-    | idm    | [time]
-    | expert | [time]
-    to watch, open `[folder]/out/index.html` in a browser
-    1 of 8 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
-    ");
-    let rows = |output: &std::process::Output| -> Vec<Value> {
-        let text = std::str::from_utf8(&output.stdout).unwrap();
-        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
-    };
-    let all = rows(&output);
-    assert_eq!(all.len(), 14);
-    // The order is that of the scenes, whatever the threads.
-    let other = folder.path().join("one");
-    let one = sage(&[
-        "--threads",
-        "1",
-        "simulate",
-        text(&input),
-        "--ego",
-        "idm,expert",
-        "--json",
-        "--out",
-        text(&other),
-    ]);
-    let plain = |rows: Vec<Value>| -> Vec<Value> {
-        let strip = |mut row: Value| {
-            for key in ["seconds", "step_ms", "run_hash"] {
-                row[key] = Value::Null;
-            }
-            row
-        };
-        rows.into_iter().map(strip).collect()
-    };
-    assert_eq!(plain(all.clone()), plain(rows(&one)));
-
-    // After repair the run resumes: only the missing scene is driven.
-    fs::remove_file(input.join("broken.pkl")).unwrap();
-    let lost = all[2]["scene"].as_str().unwrap();
-    fs::remove_file(out.join(format!("{lost}-idm.json"))).unwrap();
-    let output = sage(&arguments);
-    assert_snapshot!(redacted(stderr(&output)), @r"
-    note: `[folder]/out` holds this run unfinished; it resumes
-    7 scenes, 6 of them finished before, 14 drives in `[folder]/out` ([time])
-    | driver | drives | contact | at fault | off road |
-    | ------ | -----: | ------: | -------: | -------: |
-    | idm    |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
-    | expert |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
-    | driver | time a step | 99 % of steps |
-    | ------ | ----------: | ------------: |
-    | idm    | [time]
-    | expert | [time]
-    to watch, open `[folder]/out/index.html` in a browser
-    ");
-    let again = rows(&output);
-    let driven = again.iter().filter(|row| !row["seconds"].is_null()).count();
-    assert_eq!((driven, plain(again)), (2, plain(all)));
-    let index = fs::read_to_string(out.join("index.html")).unwrap();
-    assert_eq!(index.matches("<a href=").count(), 7);
-}
-
-#[test]
-fn wrong_input_gets_an_error_that_names_it() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let scene = example();
-    let error = |more: &[&str]| failure(&[&["simulate", &*scene, "--out", text(&out)], more].concat());
-    let options: [&[&str]; 5] = [
-        &["--ego", "idmm"],
-        &["--ego", "idm,idm"],
-        &["--lambda", "1"],
-        &["--selection", "nonsense"],
-        &["--attack", "missing.json"],
-    ];
-    let mut said = options.map(|more| (more.join(" "), error(more))).to_vec();
-
-    let path = folder.path().join("drive.json");
-    let far: Vec<[f64; 3]> = (0..91).map(|k| [1e4 + f64::from(k), 0.0, 0.0]).collect();
-    for (name, drive) in [
-        ("a drive of two poses", json!([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])),
-        ("a drive elsewhere", json!(far)),
-    ] {
-        fs::write(&path, drive.to_string()).unwrap();
-        said.push((name.to_owned(), error(&["--ego", &format!("path:{}", text(&path))])));
-    }
-    let row = folder.path().join("row.json");
-    for wrong in [
-        "[1]",
-        "{}",
-        r#"{"scene": "crossing", "adversary": "2", "source_hash": "0", "trajectory": [[1, 2, 3, 4]]}"#,
-    ] {
-        fs::write(&row, wrong).unwrap();
-        said.push((format!("--attack {wrong}"), error(&["--attack", text(&row)])));
-    }
-    said.push(("--attack of the scene itself".to_owned(), error(&["--attack", &scene])));
-
-    scenes(&folder.path().join("scenes"), "1");
-    let other = fs::read_dir(folder.path().join("scenes")).unwrap().map(|entry| entry.unwrap().path());
-    let other = other.filter(|path| path.extension().is_some_and(|e| e != "json")).min().unwrap();
-    said.push(("--attack of another scene".to_owned(), error(&["--attack", text(&other)])));
-    let attacked = folder.path().join("attacked");
-    let generate = ["generate", text(&other), "--method", "rule", "--json", "--out", text(&attacked)];
-    let row = &rows(&sage(&generate))[0];
-    let name = format!("{}-{}.json", row["scene"].as_str().unwrap(), row["variant"].as_str().unwrap());
-    said.push((
-        "--attack of a row of another scene".to_owned(),
-        error(&["--attack", text(&attacked.join(name))]),
-    ));
-    assert!(!out.join("crossing.html").exists());
-    let two = sage(&["simulate", &scene, "--method", "sage", "--attack", "x.json", "--out", text(&out)]);
-    assert_eq!(two.status.code(), Some(2));
-    said.push(("--method sage --attack x.json".to_owned(), stderr(&two).to_owned()));
-    assert_snapshot!("wrong_options_of_simulate", messages(said));
-}
-
-#[test]
-fn drivers_are_tested_in_two_stages() {
-    let folder = tempfile::tempdir().unwrap();
-    let (input, out) = (folder.path().join("scenes"), folder.path().join("out"));
-    scenes(&input, "5");
-    let arguments = [
-        "bench",
-        "open-loop",
-        text(&input),
-        "--selection",
-        "natural",
-        "--method",
-        "sage,rule,log",
-        "--lambda",
-        "1",
-        "--ego",
-        "replay,idm",
-        "--out",
-        text(&out),
-    ];
-    let table = stdout(&sage(&arguments)).to_owned();
-    assert_snapshot!("drivers_in_two_stages", table);
-    let estimates = fs::read_to_string(out.join("estimates.csv")).unwrap();
-    let share = |start: &str| -> f64 {
-        let line = estimates.lines().find(|line| line.starts_with(start)).unwrap();
-        line.split(',').nth(5).unwrap().parse().unwrap()
-    };
-    // Nothing happens to a driver whose adversary keeps to its log: the recorded scenes are without contact.
-    assert_eq!(share("attacked-drive,replay,log,attack,"), 0.0);
-    // Replay repeats the open-loop table: the attack rate is the same.
-    let attacks = share("attacked-drive,replay,sage 1.00,attack,");
-    assert!((share("trajectory,replay,sage 1.00,attack,") - attacks).abs() < 1e-12);
-    // The same command prints the same table again.
-    assert_eq!(stdout(&sage(&arguments)), table);
-    let unknown = failure(&[
-        "bench",
-        "open-loop",
-        text(&input),
-        "--ego",
-        "nobody",
-        "--out",
-        text(&folder.path().join("x")),
-    ]);
-    assert_snapshot!(unknown, @"error: unknown policy `nobody`; known: replay, idm, idm-release, idm-nuplan, idm-vmax, r157, pdm, expert, expert-release, ppo, td3, tracking, constant-speed, constant, takeover, path, process");
 }
 
 #[test]

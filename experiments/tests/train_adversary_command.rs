@@ -1,4 +1,4 @@
-//! `sage train-adversary` and what it trains, as a user runs them.
+//! `sage train-adversary` and what it trains; what is refused is in `commands/train-wrong.md`.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -97,49 +97,6 @@ fn trained_parts_are_found_beside_the_prior_and_attack_the_same_way_twice() {
     );
 }
 
-#[test]
-fn parts_that_cannot_be_used_are_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = folder.path().join("run");
-    assert!(train(&run, &[]).status.success());
-    let named = weights(folder.path(), &run);
-    let file = named.join("seal.safetensors");
-    let out = folder.path().join("out");
-    let refused = || {
-        failure(&["generate", &example(), "--method", "seal", "--weights", text(&named), "--out", text(&out)])
-    };
-    let whole = fs::read(&file).unwrap();
-    fs::write(&file, &whole[..whole.len() - 7]).unwrap();
-    assert!(refused().contains("seal.safetensors`: is no whole file of weights"), "{}", refused());
-    fs::copy(named.join("prior.safetensors"), &file).unwrap();
-    assert!(refused().contains("holds the network `densetnt`, expected `seal`"), "{}", refused());
-    fs::remove_file(&file).unwrap();
-    assert!(refused().contains("copy that of `sage train-adversary seal` beside the prior"), "{}", refused());
-    for (options, problem) in [
-        (r#"{"hidden": 0}"#, "`hidden` is 0"),
-        (r#"{"prior": {"hidden": 8}}"#, "`prior.hidden` cannot be given"),
-        (r#"{"depth": 3}"#, "unknown field `depth`"),
-        (r#"{"skills": {"rate": -1}}"#, "learning rate is -1"),
-    ] {
-        let said = failure(&[
-            "train-adversary",
-            "seal",
-            "--procedural",
-            "8",
-            "--options",
-            options,
-            "--out",
-            text(&out),
-        ]);
-        assert!(said.contains(problem), "{said}");
-    }
-    for options in [r#"{"before_hit": 81}"#, r#"{"file": "../seal.safetensors"}"#, r#"{"candidates": 0}"#] {
-        let said =
-            failure(&["generate", &example(), "--method", "seal", "--options", options, "--out", text(&out)]);
-        assert!(said.contains("expected"), "{said}");
-    }
-}
-
 /// A policy that is trained in seconds.
 const SHORT: &str = r#"{"decisions": 60, "random": 20, "batch": 8, "roles": 1}"#;
 
@@ -197,57 +154,4 @@ fn policy_weights(folder: &Path, trained: &Path) -> std::path::PathBuf {
     }
     fs::copy(trained.join("goose.safetensors"), weights.join("goose.safetensors")).unwrap();
     weights
-}
-
-#[test]
-fn policies_and_options_that_cannot_be_used_are_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = folder.path().join("run");
-    assert!(train_goose(&run, &[]).status.success());
-    let named = policy_weights(folder.path(), &run);
-    let file = named.join("goose.safetensors");
-    let out = folder.path().join("out");
-    let refused = || {
-        failure(&[
-            "generate",
-            &example(),
-            "--method",
-            "goose",
-            "--weights",
-            text(&named),
-            "--out",
-            text(&out),
-        ])
-    };
-    let whole = fs::read(&file).unwrap();
-    fs::write(&file, &whole[..whole.len() - 7]).unwrap();
-    assert!(refused().contains("goose.safetensors`: is no whole file of weights"), "{}", refused());
-    fs::copy(named.join("prior.safetensors"), &file).unwrap();
-    assert!(refused().contains("holds the network `densetnt`, expected `goose`"), "{}", refused());
-    fs::remove_file(&file).unwrap();
-    assert!(
-        refused().contains("copy that of `sage train-adversary goose` beside the prior"),
-        "{}",
-        refused()
-    );
-    for (options, problem) in [
-        (r#"{"decisions": 0}"#, "`decisions` is 0; expected 1 to 200000"),
-        (r#"{"trials": 1}"#, "`trials` is 1; expected 2 to 100"),
-        (r#"{"random": 0}"#, "`random` is 0"),
-        (r#"{"decisions": 250}"#, "`random` is 250; expected at least 1, and less than the 250 `decisions`"),
-        (r#"{"buffer": 3}"#, "`buffer` is 3; expected at least 128"),
-        (r#"{"gamma": 2}"#, "`gamma` is 2; expected a number from 0 to 1"),
-        (r#"{"roles": 99}"#, "`roles` is 99"),
-        (r#"{"networks": {"scaled": true}}"#, "unknown field `scaled`"),
-    ] {
-        let run =
-            ["train-adversary", "goose", "--procedural", "8", "--options", options, "--out", text(&out)];
-        let said = failure(&run);
-        assert!(said.contains(problem), "{said}");
-    }
-    for options in [r#"{"trials": 0}"#, r#"{"file": "../goose.safetensors"}"#] {
-        let run = ["generate", &example(), "--method", "goose", "--options", options, "--out", text(&out)];
-        let said = failure(&run);
-        assert!(said.contains("expected"), "{said}");
-    }
 }

@@ -1,4 +1,4 @@
-//! `sage finetune`, `calibrate` and `bench dial` as a user runs them.
+//! Bits of what `sage finetune` makes; the rest, with `calibrate` and `bench dial`, is in `commands/tune.md`.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -75,61 +75,6 @@ fn experts_are_tuned_from_either_network_merged_and_used() {
 }
 
 #[test]
-fn aggression_uses_a_dial_that_calibrate_fits_and_stores_with_the_experts() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = example();
-    let out = folder.path().join("out");
-    let arguments = ["generate", &scene, "--aggression", "0:1:0.5", "--json", "--out", text(&out)];
-    let output = sage(&[&arguments[..], &WEIGHTS].concat());
-    let rows = rows(&output);
-    assert_eq!(rows.len(), 3);
-    for (row, a) in rows.iter().zip([0.0, 0.5, 1.0]) {
-        assert_eq!((row["aggression"].as_f64(), row["lambda"].as_f64()), (Some(a), Some(a)));
-    }
-    assert_eq!((rows[0]["mu"].as_f64(), rows[2]["mu"].as_f64()), (Some(0.0), Some(1.0)));
-    assert!(pickle(&out, "crossing-aggression0.50").is_file());
-    let both = ["generate", &scene, "--aggression", "1", "--lambda", "1", "--out", "x"];
-    assert_eq!(sage(&both).status.code(), Some(2));
-
-    let experts = folder.path().join("experts");
-    std::fs::create_dir(&experts).unwrap();
-    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
-    for file in ["prior", "realistic", "adversarial"].map(|name| format!("{name}.safetensors")) {
-        std::fs::copy(shipped.join(&file), experts.join(&file)).unwrap();
-    }
-    let other = folder.path().join("other");
-    let generate =
-        ["generate", &scene, "--weights", text(&experts), "--aggression", "0.3", "--out", text(&other)];
-    let without_dial = failure(&generate);
-    let dial = experts.join("dial.json");
-    let calibrate = [
-        "calibrate",
-        "--procedural",
-        "8",
-        "--weights",
-        text(&experts),
-        "--selection",
-        "natural",
-        "--out",
-        text(&dial),
-    ];
-    let output = sage(&calibrate);
-    assert!(output.status.success(), "{}", stderr(&output));
-    stdout(&sage(&generate));
-    let said = [("generate without a dial", without_dial), ("calibrate again", failure(&calibrate))];
-    assert_snapshot!("dials_of_experts", messages(said));
-
-    let scenes = folder.path().join("scenes");
-    stdout(&sage(&["scenes", "--count", "4", "--out", text(&scenes)]));
-    let report = folder.path().join("dial");
-    let output = sage(&["bench", "dial", text(&scenes), "--weights", text(&experts), "--out", text(&report)]);
-    assert_snapshot!("dial_of_experts_measured", stdout(&output));
-    for file in ["table.md", "estimates.csv", "dial.svg", "run.json"] {
-        assert!(report.join(file).is_file(), "{file}");
-    }
-}
-
-#[test]
 fn an_interrupted_fine_tuning_resumes_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("quick.json");
@@ -158,30 +103,4 @@ fn an_interrupted_fine_tuning_resumes_to_the_same_bits() {
     }
     let table = |dir: &Path| std::fs::read_to_string(dir.join("finetune.csv")).unwrap().lines().count();
     assert_eq!((table(&whole), table(&interrupted)), (10, 10));
-}
-
-#[test]
-fn bad_options_fail_before_work_starts() {
-    let folder = tempfile::tempdir().unwrap();
-    let config = folder.path().join("config.json");
-    let out = folder.path().join("out");
-    let tune = ["finetune", "--procedural", "2", "--config", text(&config), "--out", text(&out)];
-    let mut said = Vec::new();
-    for wrong in [r#"{"epoch": 1}"#, r#"{"seed": 1}"#, r#"{"epochs": 0}"#] {
-        std::fs::write(&config, wrong).unwrap();
-        said.push((format!("finetune {wrong}"), failure(&tune)));
-        assert!(!out.exists(), "nothing was written");
-    }
-    let far = folder.path().join("no/dial.json");
-    let dial = folder.path().join("d.json");
-    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural/adversarial.safetensors");
-    let (scene, out) = (example(), text(&out));
-    let wrong: [&[&str]; 4] = [
-        &["calibrate", "--procedural", "2", "--out", text(&far)],
-        &["calibrate", "--procedural", "0", "--out", text(&dial)],
-        &["bench", "open-loop", &scene, "--method", r#"log,rule{"row": true}"#, "--out", out],
-        &["generate", &scene, "--weights", text(&shipped), "--out", out],
-    ];
-    said.extend(wrong.map(|command| (command.join(" "), failure(command))));
-    assert_snapshot!("wrong_options_of_tuning", messages(said));
 }

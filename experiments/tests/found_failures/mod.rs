@@ -38,18 +38,6 @@ impl Desk {
     pub fn suite(&self) -> Value {
         serde_json::from_slice(&fs::read(self.path("suite/suite.json")).unwrap()).unwrap()
     }
-
-    /// Changes the suite, and gives the error of a test of it.
-    pub fn refused(&self, change: impl Fn(&mut Value)) -> String {
-        let whole = fs::read(self.path("suite/suite.json")).unwrap();
-        let mut changed = self.suite();
-        change(&mut changed);
-        fs::write(self.path("suite/suite.json"), changed.to_string()).unwrap();
-        let output = self.test("idm", &[]);
-        fs::write(self.path("suite/suite.json"), whole).unwrap();
-        assert_eq!(output.status.code(), Some(1));
-        stderr(&output).replace(&self.at(""), "[folder]/")
-    }
 }
 
 pub fn results(output: &Output) -> Vec<Value> {

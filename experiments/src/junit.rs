@@ -96,7 +96,7 @@ mod tests {
             case("13-failure2", Verdict::Passed(Some("contact after 2.0 s, <not at fault>".to_owned()))),
             case("<script>", Verdict::Failed("hit \"it\" & died".to_owned())),
             case("known", Verdict::Accepted("hit".to_owned())),
-            case("a\u{1}b", Verdict::Error("no\nanswer".to_owned())),
+            case("a\u{1}b\u{202e}c", Verdict::Error("no\nanswer".to_owned())),
         ];
         insta::assert_snapshot!("junit", report("suite", "cmd:python3 'p.py'", &cases));
     }

@@ -362,6 +362,19 @@ mod tests {
     }
 
     #[test]
+    fn a_study_from_anywhere_cannot_ask_for_any_number() {
+        for (field, most) in [("procedural", MOST_PROCEDURAL), ("untrained", MOST_UNTRAINED)] {
+            let mut study = Study::shipped("open-loop").unwrap().unwrap();
+            study.set(&format!("{field}={}", most + 1)).unwrap();
+            let error = in_one_line(&study.check().unwrap_err());
+            assert!(
+                error.contains(&format!("`{field}` is {}; expected at most {most}", most + 1)),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
     fn an_axis_is_replaced_by_its_name() {
         let mut study = Study::shipped("open-loop").unwrap().unwrap();
         study.set("lambda=0:1:0.25").unwrap();

@@ -99,7 +99,7 @@ pub fn in_order<T: Send, E>(
 
 /// Scene files below a folder. Links are followed, each folder once. Pipes, sockets and devices are skipped.
 fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
-    let (mut files, mut doubtful) = (Vec::new(), Vec::new());
+    let mut files = Vec::new();
     let mut open = vec![(root.to_owned(), 0)];
     let mut seen = HashSet::new();
     while let Some((folder, level)) = open.pop() {
@@ -127,16 +127,10 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
             };
             if found.is_dir() {
                 open.push((path, level + 1));
-            } else if found.is_file() && is_scene_file(&name, &path) {
+            } else if found.is_file() && (is_scene_file(&name, &path) || gpudrive::is_damaged(&path)) {
                 files.push(path);
-            } else if found.is_file() && gpudrive::is_damaged(&path) {
-                doubtful.push(path);
             }
         }
-    }
-    // Beside scenes of GPUDrive it was one: left out without a word, it would be missing.
-    if files.iter().any(|file| gpudrive::is_named(file)) {
-        files.append(&mut doubtful);
     }
     Ok(files)
 }

@@ -74,12 +74,12 @@ pub(crate) fn is_compressed_name(path: &Path) -> bool {
 }
 
 /// True if a file has the ending of a scene.
-pub(crate) fn is_named(path: &Path) -> bool {
+fn is_named(path: &Path) -> bool {
     is_compressed_name(path) || path.extension().is_some_and(|ending| ending == "json")
 }
 
 /// True if a file with the ending of a scene, which does not begin like one, is no other JSON either: it is empty, cut or
-/// overwritten, or what it is stands far behind its start.
+/// overwritten, or what it is stands far behind its start. Left out of a folder without a word, a scene would be missing.
 pub(crate) fn is_damaged(path: &Path) -> bool {
     if !is_named(path) {
         return false;

@@ -46,7 +46,7 @@ fn python(file: &str) -> Option<[String; 2]> {
 const LATE: [f64; 3] = [20.0, 20.0, 10.0];
 
 /// Ways to misbehave, with the times to answer where they are what is tested.
-const WAYS: [(&str, [f64; 3]); 34] = [
+const WAYS: [(&str, [f64; 3]); 36] = [
     ("exits at its start", LATE),
     ("is silent at its start", [0.5, 20.0, 10.0]),
     ("speaks another version", LATE),
@@ -81,6 +81,8 @@ const WAYS: [(&str, [f64; 3]); 34] = [
     ("sends rows of words", LATE),
     ("sends a plan in the world's frame", LATE),
     ("keeps a plan for no step", LATE),
+    ("writes too much to its log at its start", LATE),
+    ("answers an earlier step", LATE),
 ];
 
 #[test]
@@ -101,6 +103,17 @@ fn misbehaving_planners_fail_their_drive_with_a_clear_message() {
         format!("{way}\n    {}\n", error.to_string().replace(&file, "misbehaving.py"))
     });
     insta::assert_snapshot!(messages.collect::<String>());
+}
+
+#[test]
+fn one_answer_too_many_fails_the_drive_whenever_it_comes() {
+    let Some([program, file]) = python("misbehaving.py") else { return };
+    let scene = road_ahead();
+    for _ in 0..5 {
+        let policy = planner(&[&program, &file, "answers once too often, later"], LATE);
+        let error = driven(&scene, &*policy).expect_err("it drives");
+        assert!(matches!(error, Error::Planner { .. }), "{error}");
+    }
 }
 
 #[test]

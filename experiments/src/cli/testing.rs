@@ -79,7 +79,7 @@ pub(crate) enum Keep {
 /// A test passes if the driver is at fault in no contact, stays on the road, and makes progress: from now on at least half
 /// of what the reference driver does that prevents the contact, or of its own drive without the attack. A contact that is
 /// not its fault, or whose fault is unknown, passes with a mark. Exit status: 0 if all tests pass, else
-/// 1; with --baseline 1 only if a test fails that passed there, or the driver gives an error.
+/// 1; with --baseline a test that failed there at the same plan is excused, and nothing else is.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -102,7 +102,7 @@ pub(crate) struct TestArgs {
     /// A drive beyond nuPlan's bounds of acceleration, jerk and turning, up to its first contact, fails the test.
     #[arg(long, help_heading = RUN)]
     pub comfort: bool,
-    /// Results of an earlier run (--json): only tests that passed there count as failed.
+    /// Results of an earlier run (--json): a test that failed there at the same plan is excused; new tests and errors count.
     #[arg(long, help_heading = RUN, value_name = "FILE")]
     pub baseline: Option<PathBuf>,
     /// Also write the results as JUnit XML, which build servers read.

@@ -179,6 +179,7 @@ impl Shared {
             Ok((program, Greeting { wants_observation })) => Ok(Planner { program, log, wants_observation }),
             Err(problem) => {
                 let error = fail(problem, PlannerLog::of(log.path(), log.last_lines(since)));
+                log.limit();
                 self.state().logs.push(log);
                 Err(error)
             }

@@ -26,6 +26,10 @@ def start():
     if how == "exits at its start":
         print("no model found", file=sys.stderr)
         sys.exit(3)
+    if how == "writes too much to its log at its start":
+        for _ in range(80):
+            os.write(2, b"x" * (1 << 20))
+        forever()
     if how == "prints a banner":
         say("Welcome to my planner 1.0")
         say("[1, 2]")
@@ -53,6 +57,12 @@ def reset():
 
 
 def step():
+    if how == "answers once too often, later" and steps == 5:
+        say(json.dumps(GOOD))
+        time.sleep(0.05)
+    if how == "answers an earlier step" and steps == 5:
+        say(json.dumps({**GOOD, "t": 0.1}))
+        return
     if how == "exits at step 7" and steps == 7:
         print("first line\nlast line", file=sys.stderr, flush=True)
         sys.exit(1)

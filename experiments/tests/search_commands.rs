@@ -69,6 +69,31 @@ fn a_search_writes_rows_pictures_and_the_scenes_of_failures_that_drive_again_ali
     assert_eq!(record["results"]["done"], 6);
 }
 
+#[test]
+fn another_budget_continues_a_search_and_a_smaller_one_keeps_it() {
+    let (folder, scenes) = desk();
+    let [continued, whole] = ["continued", "whole"].map(|name| folder.path().join(name));
+    let run = |budget: &str, out: &Path| {
+        let command =
+            ["search", text(&scenes), "--ego", "idm", "--budget", budget, "--out", text(out), "--json"];
+        let rows = rows(&sage(&[&command[..], &WEIGHTS].concat()));
+        let found = |row: &Value| (row["scene"].clone(), row["drives"].clone(), row["failures"].clone());
+        rows.iter().map(found).collect::<Vec<_>>()
+    };
+    let few = run("3", &continued);
+    let more = run("8", &continued);
+    assert_ne!(few, more);
+    assert_eq!(more, run("8", &whole));
+    // The drives of the smaller budget are the first of the larger one.
+    for name in fs::read_dir(&whole).unwrap().map(|entry| entry.unwrap().file_name()) {
+        let name = name.to_str().unwrap();
+        if name.ends_with("-drives.json") {
+            assert_eq!(json(&continued.join(name))["drives"], json(&whole.join(name))["drives"], "{name}");
+        }
+    }
+    assert_eq!(run("3", &continued), more);
+}
+
 /// The failure has the same contact when it is driven again from its row, and its evasive manoeuvre when it is scored.
 fn drives_again(scene: &Path, row: &Path, failure: &Value) {
     let folder = tempfile::tempdir().unwrap();

@@ -23,7 +23,7 @@ use serde::Serialize;
 
 use crate::{AnyError, Error, Result, io_causes, terminal};
 
-pub use command_line::{command, command_with, identify_by, program, quoted, stand_for};
+pub use command_line::{command, command_with, command_without, identify_by, program, quoted, stand_for};
 pub use dataset_run::{DatasetRun, Ended, run_hash};
 pub use extent::Extent;
 pub use inputs::Inputs;

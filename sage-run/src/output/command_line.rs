@@ -47,6 +47,12 @@ pub fn command() -> String {
     recorded(arguments().into_iter())
 }
 
+/// The same without a flag that takes a value, for a run that may be continued with another value.
+pub fn command_without(flag: &str) -> String {
+    let flags: Vec<(&str, bool)> = WITHOUT_EFFECT.into_iter().chain([(flag, true)]).collect();
+    recorded_without(&flags, arguments().into_iter())
+}
+
 /// Flags of [`WITHOUT_EFFECT`] that each part of a run gives anew.
 const ELSEWHERE: [(&str, bool); 4] =
     [("--threads", true), ("--out", true), ("--force", false), ("--shard", true)];

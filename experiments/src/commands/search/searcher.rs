@@ -147,7 +147,7 @@ impl<'a> Searcher<'a> {
         }
         let (args, generator) = (self.args, &self.args.attack.generator);
         let identity = Identity {
-            command: output::command(),
+            command: output::command_without("--budget"),
             method: self.named.method(),
             weights,
             points: &self.named.points,

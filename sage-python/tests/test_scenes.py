@@ -122,6 +122,16 @@ class Scenes(InFolder):
                     roles = [again.track_ids[k] for k in (again.ego, again.adversary)]
                     self.assertEqual(roles, [changed.track_ids[k] for k in (changed.ego, changed.adversary)], ending)
 
+    def test_a_scene_is_not_written_over_what_it_was_read_from(self):
+        path = os.path.join(self.folder, "own.pkl")
+        procedural(1)[0].save(path)
+        scene, before = sage.load(path), pathlib.Path(path).read_bytes()
+        for write in (scene.save, lambda path: sage.convert(scene, path)):
+            with self.assertRaisesRegex(Exception, "what the scene was read from"):
+                write(path)
+        self.assertEqual(pathlib.Path(path).read_bytes(), before)
+        scene.save(os.path.join(self.folder, "other.pkl"))
+
     def test_folders(self):
         for scene in procedural(5):
             scene.save(os.path.join(self.folder, f"{scene.id}.pkl"))

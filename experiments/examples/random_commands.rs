@@ -228,15 +228,14 @@ fn checked(output: &Output, out: &Path) -> Result<usize, String> {
 
 /// *Errors*: what a row says that cannot be true together.
 fn contradiction(row: &Value) -> Result<(), String> {
-    let has_contact = ["collision_step", "contact"].iter().any(|key| !row[*key].is_null());
-    if row["outcome"] == "attack" && !has_contact {
-        return Err("an attack without a contact".to_owned());
+    let scores = &row["scores"];
+    if row["outcome"] == "attack" && (scores["collision_step"].is_null() || row["feasible"] != true) {
+        return Err("an attack without a contact, or not feasible".to_owned());
     }
-    if row["believable"] == true && row["feasible"] == false {
-        return Err("believable, and not feasible".to_owned());
+    if scores["believable"] == true && (scores["collision_step"].is_null() || scores["feasible"] != true) {
+        return Err("believable without a contact, or not feasible".to_owned());
     }
-    let count = |key: &str| row[key].as_u64();
-    let chain = ["drives", "attacks", "believable", "at_fault"].map(count);
+    let chain = ["drives", "attacks", "believable", "at_fault"].map(|key| row[key].as_u64());
     let counts: Vec<u64> = chain.into_iter().flatten().collect();
     if counts.len() == chain.len() && !counts.is_sorted_by(|a, b| a >= b) {
         return Err(format!("drives, attacks, believable and at fault are {counts:?}"));

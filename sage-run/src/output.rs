@@ -92,6 +92,7 @@ const MARK_LIMIT: u64 = 1 << 20;
 /// assert_eq!(std::fs::read(path.join("table.md"))?, b"| driver |");
 /// // One run at a time writes to it, and a folder with results is refused unless it is asked for.
 /// assert!(Folder::make(&path, true).is_err(), "in use");
+/// folder.finish()?;
 /// drop(folder);
 /// assert!(Folder::make(&path, false).is_err(), "not empty");
 /// assert!(Folder::make(&path, true).is_ok());

@@ -22,7 +22,7 @@ pub fn csv<T: AsRef<str>>(rows: impl IntoIterator<Item = impl IntoIterator<Item 
     String::from_utf8(writer.into_inner().unwrap_or_default()).unwrap_or_default()
 }
 
-/// The text of a cell that [`csv`] has written.
+/// The text of a cell that [`csv()`] has written.
 pub fn text(cell: &str) -> &str {
     cell.strip_prefix('\'').filter(|text| is_formula(text)).unwrap_or(cell)
 }

@@ -39,7 +39,7 @@ use std::path::Path;
 use sage_core::files;
 use serde::{Deserialize, de::IgnoredAny};
 
-use crate::gzip;
+use crate::{gzip, parquet_files};
 
 /// Name of the data set and version in MetaDrive values; a file does not say what it was converted from.
 pub(crate) const DATASET: &str = "gpudrive";
@@ -81,7 +81,8 @@ fn is_named(path: &Path) -> bool {
 /// True if a file with the ending of a scene, which does not begin like one, is no other JSON either: it is empty, cut or
 /// overwritten, or what it is stands far behind its start. Left out of a folder without a word, a scene would be missing.
 pub(crate) fn is_damaged(path: &Path) -> bool {
-    if !is_named(path) {
+    // Scenarios of Argoverse 2 have a map each, which their reader checks.
+    if !is_named(path) || parquet_files::is_map_name(path) {
         return false;
     }
     // Other files of JSON are short. Rows are not, and there may be very many.

@@ -41,8 +41,16 @@ pub(crate) fn without_map(mut bytes: Vec<u8>) -> (Vec<u8>, Option<Vec<u8>>) {
 pub(crate) fn map_beside(path: &Path) -> Option<PathBuf> {
     let stem = path.file_stem()?.to_str()?;
     let id = stem.strip_prefix("scenario_").unwrap_or(stem);
-    let map = path.with_file_name(format!("log_map_archive_{id}.json"));
+    let map = path.with_file_name(format!("{MAP}{id}.json"));
     map.is_file().then_some(map)
+}
+
+/// How the name of a map begins.
+const MAP: &str = "log_map_archive_";
+
+/// True if a file is named like the map of a scenario.
+pub(crate) fn is_map_name(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(MAP))
 }
 
 /// True if a file is named like a scenario.

@@ -45,7 +45,7 @@ const LANE_REACH: f64 = 2.5;
 /// // Which edge met which decides, not who was right.
 /// assert_eq!(FaultClass::ActiveFront.is_at_fault(), Some(true));
 /// assert_eq!(FaultClass::ActiveRear.is_at_fault(), Some(false));
-/// // A side contact cannot be judged on a map without lanes.
+/// // A side contact cannot be classified on a map without lanes.
 /// assert_eq!(FaultClass::LateralUnknown.is_at_fault(), None);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

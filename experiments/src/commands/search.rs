@@ -41,7 +41,7 @@ pub(crate) fn run(args: &SearchArgs, extent: Extent, registries: &Registries) ->
     let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, extent, &[MANIFEST], outdated)?;
     output::keep_planner_logs(run.folder(), extent, std::slice::from_ref(&searcher.ego))?;
     let report = |count| {
-        searcher.estimate.expect(count);
+        searcher.estimate.set_scenes(count);
         Report::new(run.folder().path(), args.json, count, ReportWords { done: "searched", result: "scene" })
     };
     let worked = Worked::on(&scenes, extent, &run, report, |input| work_on(&searcher, &run, input))?;

@@ -22,7 +22,7 @@ pub(super) struct Estimate {
 
 impl Estimate {
     /// The number of scenes to search.
-    pub(super) fn expect(&self, scenes: usize) {
+    pub(super) fn set_scenes(&self, scenes: usize) {
         let _ = self.scenes.set(scenes);
     }
 

@@ -109,3 +109,22 @@ fn studies_of_the_paper_run_on_any_scenes_and_their_reports_come_from_rows() {
     let rows = fs::read_to_string(at("paper-table-idm/rows.csv")).unwrap();
     assert!(rows.contains("the log") && rows.contains("its drive"));
 }
+
+#[test]
+fn a_replayed_ego_has_one_rate_of_attacks_whether_it_is_driven_or_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path_in(folder.path(), "out");
+    let study = ["bench", "open-loop", "--set", "procedural=28", "--selection", "natural", "--lambda", "1"];
+    // CAT and Rule select plans that `natural` finds infeasible and the paper's rule does not.
+    let attacks = ["--method", "sage,cat,rule", "--ego", "replay", "--out", out];
+    stdout(&run(Path::new(env!("CARGO_BIN_EXE_sage")), &[&study[..], &attacks].concat()));
+    let rows = fs::read_to_string(folder.path().join("out/rows.csv")).unwrap();
+    let of = |subject: &str| -> Vec<String> {
+        let start = format!("open-loop,{subject},replay,");
+        let rows = rows.lines().filter(|row| row.starts_with(&start) && row.contains(",attack,"));
+        rows.map(|row| row[start.len()..row.rfind(',').unwrap()].to_owned()).collect()
+    };
+    let (planned, driven) = (of("trajectory"), of("attacked-drive"));
+    assert_eq!(planned.len(), 3 * 28);
+    assert_eq!(planned, driven);
+}

@@ -8,6 +8,7 @@ use crate::{
     Result,
     context::{Context as _, foreign},
     rows::Key,
+    study::Claim,
 };
 
 /// The file of all numbers.
@@ -37,6 +38,27 @@ pub fn published(name: &str) -> Result<Vec<Published>> {
     let mut all: BTreeMap<String, Vec<Published>> =
         serde_saphyr::from_str(FILE).map_err(foreign).with_context(|| "published.yaml cannot be read")?;
     all.remove(name).with_context(|| format!("there are no published numbers `{name}`"))
+}
+
+/// What the published numbers say of an arm less another: the sign of each difference.
+pub fn orderings(rows: &[Published], tested: &str, other: &str) -> Vec<Claim> {
+    let mut claims = Vec::new();
+    for ours in rows.iter().filter(|row| row.arm == tested) {
+        let Some(theirs) = rows.iter().find(|row| row.arm == other && row.attack == ours.attack) else {
+            continue;
+        };
+        for (metric, value) in &ours.values {
+            let pair = value.first().zip(theirs.values.get(metric).and_then(|value| value.first()));
+            if let Some((ours_is, theirs_is)) = pair.filter(|(a, b)| a != b) {
+                claims.push(Claim {
+                    attack: ours.attack[0].clone(),
+                    metric: metric.clone(),
+                    larger: ours_is > theirs_is,
+                });
+            }
+        }
+    }
+    claims
 }
 
 fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
@@ -85,5 +107,23 @@ mod tests {
         assert_eq!(row.cell("contact", 100.0), "*16 ± 5*");
         assert_eq!(row.cell("at fault", 100.0), "");
         assert!(published("nothing").is_err());
+    }
+
+    #[test]
+    fn orderings_have_the_sign_of_the_published_numbers() {
+        let rows = published("closed-loop").unwrap();
+        let all: Vec<(&str, Claim)> = ["none", "cat", "rule"]
+            .into_iter()
+            .flat_map(|other| orderings(&rows, "sage", other).into_iter().map(move |claim| (other, claim)))
+            .collect();
+        assert_eq!(all.len(), 48);
+        let is_larger = |other: &str, attack: &str, metric: &str| {
+            let found = all.iter().find(|(arm, c)| *arm == other && c.attack == attack && c.metric == metric);
+            found.unwrap().1.larger
+        };
+        // The paper's policies that are trained against Rule collide least in unchanged scenes: 0.13, with SAGE 0.16.
+        assert!(is_larger("rule", "", "contact") && !is_larger("none", "", "contact"));
+        assert!(is_larger("cat", "cat", "contact") && is_larger("rule", "", "completion"));
+        assert!(orderings(&rows, "sage", "nobody").is_empty());
     }
 }

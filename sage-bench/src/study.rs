@@ -299,6 +299,11 @@ impl Study {
             })?;
             require(!files[..k].contains(file), || format!("two charts are named `{file}`"))?;
         }
+        let is_without_claims = self.report.tests.iter().any(|family| family.claims.is_none());
+        require(
+            !is_without_claims || self.report.published.is_some(),
+            || "`tests` has neither `claims` nor `published` numbers, which say what is expected",
+        )?;
         if let Some(PlaneAxis { shares, experts: [a, b] }) = &self.plane {
             let count = shares.len();
             require((2..=MOST_SHARES).contains(&count), || {
@@ -358,6 +363,24 @@ mod tests {
             let study = Study::parse(text, name).unwrap();
             assert_eq!(study.study, name);
             assert!(text.lines().count() <= 40, "{name} has {} lines", text.lines().count());
+        }
+    }
+
+    #[test]
+    fn claims_of_shipped_studies_do_not_contradict_the_published_numbers() {
+        use crate::published::{orderings, published};
+        for (name, text) in SHIPPED {
+            let report = Study::parse(text, name).unwrap().report;
+            let Some(rows) = report.published.as_ref().map(|name| published(name).unwrap()) else { continue };
+            for family in &report.tests {
+                for claim in family.claims.iter().flatten() {
+                    let same = |other: &Claim| other.attack == claim.attack && other.metric == claim.metric;
+                    let others = ["none", "cat", "rule"].map(|arm| orderings(&rows, &family.tested, arm));
+                    let contradicts =
+                        others.iter().flatten().any(|other| same(other) && other.larger != claim.larger);
+                    assert!(!contradicts, "{name}: {claim:?}");
+                }
+            }
         }
     }
 

@@ -2,14 +2,11 @@
 
 use std::{
     cell::Cell,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
+    sync::{Arc, OnceLock},
 };
 
 use pyo3::{
-    exceptions::{PyException, PyKeyboardInterrupt},
+    exceptions::PyException,
     intern,
     prelude::*,
     types::{PyDict, PyFloat, PyList, PyString, PyTuple, PyType},
@@ -64,8 +61,8 @@ pub(crate) struct Planner {
     /// Whether it takes the observation of one drive, and those of several drives at once.
     takes_one: bool,
     pub(crate) takes_many: bool,
-    /// Set by what is no `Exception`, such as Ctrl-C: no drive asks the planner again.
-    is_stopped: AtomicBool,
+    /// What it raised that is no `Exception`, such as Ctrl-C or `SystemExit`: no drive asks the planner again.
+    stopped_by: OnceLock<PyErr>,
 }
 
 impl Planner {
@@ -98,13 +95,12 @@ impl Planner {
                 "ego is {problem}; expected the name of a driver such as 'idm', 'py:package.module:Class', or an object with `act(obs)`"
             )));
         }
-        let is_stopped = AtomicBool::new(false);
-        Ok(Self { object: object.clone().unbind(), name, takes_one, takes_many, is_stopped })
+        Ok(Self { object: object.clone().unbind(), name, takes_one, takes_many, stopped_by: OnceLock::new() })
     }
 
     /// Whether something stopped it, such as Ctrl-C.
     pub(crate) fn is_stopped(&self) -> bool {
-        self.is_stopped.load(Ordering::Relaxed)
+        self.stopped_by.get().is_some()
     }
 
     /// What tells its object from others.
@@ -116,10 +112,9 @@ impl Planner {
     ///
     /// *Errors*: that, such as Ctrl-C.
     pub(crate) fn raise_interrupt(&self) -> PyResult<()> {
-        if !self.is_stopped.load(Ordering::Relaxed) {
-            return Ok(());
-        }
-        Err(take_raised().unwrap_or_else(|| PyKeyboardInterrupt::new_err("the planner was interrupted")))
+        let Some(raised) = self.stopped_by.get() else { return Ok(()) };
+        drop(take_raised());
+        Err(Python::attach(|py| raised.clone_ref(py)))
     }
 
     /// Tells it the scene of a drive. Returns the scene as the planner got it.
@@ -194,7 +189,7 @@ impl Planner {
             let class = raised.get_type(py).name().map_or("an exception".to_owned(), |name| name.to_string());
             let text = format!("{class}: {}", raised.value(py));
             if !raised.is_instance_of::<PyException>(py) {
-                self.is_stopped.store(true, Ordering::Relaxed);
+                let _ = self.stopped_by.set(raised.clone_ref(py));
             }
             keep_raised(Some(raised));
             text

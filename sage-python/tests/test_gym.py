@@ -363,6 +363,9 @@ class Configurations(unittest.TestCase):
             'against is "log"|against is .log.': {"generator": generator, "against": "log"},
             "driver .*nobody|nobody": {"search": "nobody"},
             "sage.search": {"search": Still()},
+            "a program": {"search": "cmd:touch it-ran"},
+            "'py:.*a program": {"search": "py:os:abort"},
+            "'process.*a program": {"search": 'process{"command": ["touch", "it-ran"]}'},
             "leave mu out": {"generator": sage.Generator(mu=0.5), "curriculum": "paper", "total_steps": 9},
             "budget is an option of a search": {"generator": generator, "budget": 3},
             "budget is 0": {"search": "idm", "budget": 0},
@@ -372,6 +375,7 @@ class Configurations(unittest.TestCase):
         }.items():
             with self.subTest(adversary=words):
                 self.refused((sage.OptionError, sage.UnknownName), words, adversary=adversary)
+        self.assertFalse(os.path.exists("it-ran"))
 
     def test_curricula(self):
         env = ScenarioEnv({"scenes": procedural(7), "adversary": {"curriculum": "paper", "total_steps": 900}})

@@ -196,6 +196,15 @@ class Planners(InFolder):
             sage.search([self.scene], Raises(KeyboardInterrupt()), budget=4)
         with self.assertRaises(KeyboardInterrupt):
             sage.stress(Raises(KeyboardInterrupt()), [self.scene])
+        # So does a planner that exits, with its own exception.
+        for run in (
+            lambda planner: sage.search([self.scene], planner, budget=4),
+            lambda planner: sage.stress(planner, [self.scene]),
+            lambda planner: sage.simulate(self.scene, planner),
+        ):
+            with self.assertRaises(SystemExit) as caught:
+                run(Raises(SystemExit(3)))
+            self.assertEqual(caught.exception.code, 3)
 
     def test_nonsense_is_refused(self):
         for returned, said in [

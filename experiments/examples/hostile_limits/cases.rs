@@ -73,6 +73,9 @@ impl Cases {
             .collect();
         std::fs::write(base.join("drive.json"), json!({"crossing": drive}).to_string()).unwrap();
         std::fs::write(base.join("recipe.yaml"), recipe::linear("weights")).expect("the folder is our own");
+        for file in ["calm.yaml", "driven.yaml", "found.yaml", "planner"] {
+            copy(&project.join("experiments/examples/hostile_limits").join(file), &base.join(file));
+        }
         let cases =
             Self { program: program.to_owned(), root: root.to_owned(), scene, pickle, native, record };
         cases.prepare_runs();
@@ -84,7 +87,7 @@ impl Cases {
         self.root.join("case")
     }
 
-    /// Unfinished runs of `train-ego` and `pretrain`, by the commands of the table.
+    /// A suite, answers of a planner, and unfinished runs of `train-ego` and `pretrain`, by the commands of the table.
     fn prepare_runs(&self) {
         let base = self.root.join("base");
         let start = |words: &str| {
@@ -97,14 +100,19 @@ impl Cases {
             command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
         };
         let of = |folder: &str| rows().into_iter().find(|row| row[2].starts_with(folder)).expect(folder)[3];
-        assert!(start("scenes --count 2 --out scenes").wait().unwrap().success());
+        let finish = |words: &str| assert!(start(words).wait().unwrap().success(), "sage {words}");
+        finish("scenes --count 2 --out scenes");
+        finish("search crossing.pkl --ego idm --budget 8 --out failures");
+        finish("suite failures --out suite");
+        // Without a file of answers, the planner writes its own.
+        finish(of("crossing.pkl planner"));
         let mut child = start(of("run"));
         while !base.join("run/seed-0/checkpoint.safetensors").is_file() {
             assert!(child.try_wait().unwrap().is_none(), "the run ended before its first checkpoint");
         }
         child.kill().unwrap();
         child.wait().unwrap();
-        assert!(start(of("pretrained")).wait().unwrap().success());
+        finish(of("pretrained"));
         // The record says that the run is not done, so its checkpoint is read.
         let record = base.join("pretrained/run.json");
         let mut fields: serde_json::Value = serde_json::from_slice(&std::fs::read(&record).unwrap()).unwrap();
@@ -129,7 +137,8 @@ impl Cases {
         let bytes = match name.rsplit('.').next() {
             _ if name.starts_with("scene.") => self.scene_file(kind, number, &mut rng),
             Some("safetensors") => tensor_file(read(), &mut rng),
-            _ => damaged(read(), &mut rng),
+            Some("scene") => damaged(read(), &mut rng),
+            _ => damaged_text(read(), &mut rng),
         };
         std::fs::write(case.join(name), &bytes).unwrap();
         let mut all = Vec::new();
@@ -187,6 +196,15 @@ fn compressed(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
 
 fn damaged(mut bytes: Vec<u8>, rng: &mut Rng) -> Vec<u8> {
     damage::any(&mut bytes, rng);
+    bytes
+}
+
+/// A text: damaged anywhere, or in a value alone.
+fn damaged_text(mut bytes: Vec<u8>, rng: &mut Rng) -> Vec<u8> {
+    if rng.below(3) == 0 {
+        return damaged(bytes, rng);
+    }
+    damage::value(&mut bytes, rng);
     bytes
 }
 

@@ -10,7 +10,7 @@ use sage_backbones::Backbone;
 use sage_core::{
     generator::Attack,
     metric::{MeasuredTrajectory, Metric, MetricInfo},
-    objective::{Context, ContextOptions, FurtherMeasures, Objective},
+    objective::{Context, ContextOptions, Feasibility as _, FurtherMeasures, MapFeasibility, Objective},
     scene::SceneData,
 };
 use sage_sim::{
@@ -76,7 +76,7 @@ pub struct Attacks {
     attacked: Vec<Metric<PlanAndDrive>>,
     plans: Vec<Metric<MeasuredPlan>>,
     further: FurtherMeasures,
-    /// Its feasibility rule decides whether an attack on a driver counts.
+    /// What selects an attack.
     objective: Objective,
     /// Search for evasive manoeuvres from the ego's path and in attacked drives.
     search: AvoidanceOptions,
@@ -330,7 +330,8 @@ impl Attacks {
         key: usize,
     ) -> Result<Cell> {
         let candidate = ctx.candidate(path.trajectory.clone());
-        let is_feasible = self.objective.evaluate(&candidate, ctx).is_feasible();
+        // As everywhere, the paper's rule says whether an attack counts, whatever the selection asks for.
+        let is_feasible = MapFeasibility::default().is_feasible(&candidate, ctx);
         let outcome = test.attack_along(path, is_feasible)?;
         let is_searched = self.searches.of_attacked_drives;
         let avoidable = if is_searched { outcome.avoidable(self.search)? } else { None };

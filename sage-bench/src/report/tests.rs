@@ -7,20 +7,23 @@ use crate::{
     Result,
     context::Context as _,
     estimate::{Difference, holm},
+    published::{Published, orderings, published},
     rows::{Results, Subject},
-    study::{Family, Study},
+    study::{Claim, Family, Study},
 };
 
-/// Half the width of an interval up to which a difference that is not resolved is known to be small.
-const BOUNDED: f64 = 0.025;
 /// Level of the tests.
 const LEVEL: f64 = 0.05;
 
 /// The families of tests of a study. One whose tested arm was not measured is left out.
 ///
-/// *Errors*: a metric that was not measured.
+/// *Errors*: a metric that was not measured; no published numbers for a family without claims.
 pub(super) fn tables(study: &Study, results: &Results) -> Result<Vec<Table>> {
-    let all = study.report.tests.iter().map(|family| table(family, results));
+    let published = match &study.report.published {
+        Some(name) => published(name)?,
+        None => Vec::new(),
+    };
+    let all = study.report.tests.iter().map(|family| table(family, &published, results));
     Ok(all.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
 }
 
@@ -59,7 +62,17 @@ fn method(results: &Results, arm: &str, attack: &str) -> Option<usize> {
     methods.into_iter().find(|k| results.keys[*k].arm == arm && results.keys[*k].attack == attack)
 }
 
-fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
+/// A difference that was expected, and what was found.
+struct Tested {
+    claim: Claim,
+    /// The other arm.
+    other: String,
+    /// Verdict if it is found as expected.
+    expected: String,
+    difference: Difference,
+}
+
+fn table(family: &Family, published: &[Published], results: &Results) -> Result<Option<Table>> {
     let subject = Subject::Episode;
     let tested = &family.tested;
     let mut others: Vec<&str> = Vec::new();
@@ -72,22 +85,26 @@ fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
         }
     }
     others.sort_unstable();
-    let mut rows: Vec<(String, bool, String, Difference)> = Vec::new();
-    for claim in &family.claims {
-        let metric = |name: &str| {
-            results
-                .metric(subject, name)
-                .with_context(|| format!("`tests` names `{name}`, which is not measured"))
+    let mut rows: Vec<Tested> = Vec::new();
+    for other in &others {
+        let claims = match &family.claims {
+            Some(claims) => claims.clone(),
+            None => orderings(published, tested, other),
         };
-        let Some(subject_of) = method(results, tested, &claim.attack) else { continue };
-        let of = metric(&claim.metric)?;
-        for other in &others {
-            let Some(against) = method(results, other, &claim.attack) else { continue };
+        for claim in claims {
+            let metric = |name: &str| {
+                results
+                    .metric(subject, name)
+                    .with_context(|| format!("`tests` names `{name}`, which is not measured"))
+            };
+            let of = metric(&claim.metric)?;
+            let methods = method(results, tested, &claim.attack).zip(method(results, other, &claim.attack));
+            let Some((subject_of, against)) = methods else { continue };
             let less = |k: usize| {
                 let stream = format!("{} {other} {k}", claim.attack);
                 results.samples(subject_of, k).less(&results.samples(against, k), &stream)
             };
-            let Some(found) = less(of) else { continue };
+            let Some(difference) = less(of) else { continue };
             let is_bought = match &family.unless {
                 Some(guard) => {
                     less(metric(&guard.metric)?).is_some_and(|d| d.estimate.value < -guard.lower_by)
@@ -96,25 +113,28 @@ fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
             };
             let expected = family.unless.as_ref().filter(|_| is_bought).map(|guard| guard.verdict.clone());
             let expected = expected.unwrap_or_else(|| family.verdicts[0].clone());
-            let scenes = if claim.attack.is_empty() { "unchanged" } else { &claim.attack };
-            let what = format!("{} in {scenes} scenes, {tested} less {other}", claim.metric);
-            rows.push((what, claim.larger, expected, found));
+            rows.push(Tested { claim, other: (*other).to_owned(), expected, difference });
         }
     }
     if rows.is_empty() {
         return Ok(None);
     }
-    let corrected = holm(&rows.iter().map(|(.., d)| d.p).collect::<Vec<_>>());
-    let row = |((what, larger, expected, d), p): ((String, bool, String, Difference), f64)| {
-        let verdict = match (d.estimate.value > 0.0) == larger {
-            _ if p >= LEVEL && is_bounded(&d) => "bounded",
+    // By what is claimed, then by arm.
+    rows.sort_by(|a, b| (&a.claim.attack, &a.claim.metric).cmp(&(&b.claim.attack, &b.claim.metric)));
+    let corrected = holm(&rows.iter().map(|row| row.difference.p).collect::<Vec<_>>());
+    let row = |(Tested { claim, other, expected, difference: d }, p): (Tested, f64)| {
+        let bound = family.bounded.get(&claim.metric);
+        let is_bounded = bound.is_some_and(|bound| d.estimate.low.abs().max(d.estimate.high.abs()) <= *bound);
+        let verdict = match (d.estimate.value > 0.0) == claim.larger {
+            _ if p >= LEVEL && is_bounded => "bounded",
             _ if p >= LEVEL => "not resolved",
             true => &expected,
             false => &family.verdicts[1],
         };
+        let scenes = if claim.attack.is_empty() { "unchanged" } else { &claim.attack };
         vec![
-            what,
-            if larger { "above 0" } else { "below 0" }.to_owned(),
+            format!("{} in {scenes} scenes, {tested} less {other}", claim.metric),
+            if claim.larger { "above 0" } else { "below 0" }.to_owned(),
             format!("{:.3} [{:.3}, {:.3}]", d.estimate.value, d.estimate.low, d.estimate.high),
             format!("{p:.3}"),
             d.seeds_needed.map_or("-".to_owned(), |n| n.to_string()),
@@ -123,13 +143,19 @@ fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
     };
     let heads =
         ["difference", "expected", "value", "p", "seeds needed", "verdict"].map(str::to_owned).to_vec();
+    let bounds: Vec<String> =
+        family.bounded.iter().map(|(metric, bound)| format!("{metric} {bound}")).collect();
+    let bounded = match bounds.is_empty() {
+        true => String::new(),
+        false => format!(
+            " Bounded: not resolved, but the whole interval is at most so far from 0: {}.",
+            bounds.join(", ")
+        ),
+    };
     let title = format!(
-        "{}. Differences are paired by scene, and by seed where both have the same; p is corrected by Holm's method over the rows. Bounded: not resolved, but the interval reaches at most {BOUNDED} to each side. Seeds: per method, for a power of 0.8:",
-        family.title
+        "{}. Differences are paired by scene, and by seed where both have the same; p is corrected by Holm's method over the {} rows.{bounded} Seeds: per method, for a power of 0.8:",
+        family.title,
+        rows.len()
     );
     Ok(Some(Table { title, heads, rows: rows.into_iter().zip(corrected).map(row).collect(), names: 1 }))
-}
-
-fn is_bounded(d: &Difference) -> bool {
-    0.5 * (d.estimate.high - d.estimate.low) <= BOUNDED
 }

@@ -85,8 +85,12 @@ pub struct Family {
     pub against: Vec<String>,
     /// Verdict on a difference as expected, and on the opposite.
     pub verdicts: [String; 2],
-    /// What is expected.
-    pub claims: Vec<Claim>,
+    /// What is expected; by default each difference between the published numbers of the two arms, with its sign.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub claims: Option<Vec<Claim>>,
+    /// By metric: a difference that is not resolved is bounded if its whole interval is at most this far from 0.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub bounded: BTreeMap<String, f64>,
     /// When a difference as expected does not count.
     #[serde(default)]
     pub unless: Option<Guard>,

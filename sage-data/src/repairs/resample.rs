@@ -24,8 +24,8 @@ const LONG_CLOCK: f64 = 8192.0;
 /// Tolerance of the last frame, as a share of a frame: the end of a recording is rounded.
 const END: f64 = 1e-3;
 
-/// Largest number of frames of all tracks together after resampling, unless the file has as many: half a gigabyte.
-const MOST_STATES: usize = 6_000_000;
+/// Largest number of frames of all tracks together after resampling, unless the file has as many: an attack then takes less than 1 GB.
+const MOST_STATES: usize = 1_500_000;
 
 /// Refuses a recording that would become too large.
 ///

@@ -2,13 +2,18 @@
 
 mod tracks;
 
+use std::path::Path;
+
 use sage_core::{
     geometry::{distance, wrap_angle},
     motion::{DT, NOW},
     scene::{LightState, Scene},
 };
 
-use super::made::{Made, beside, circle, speeding_up};
+use super::{
+    made::{Made, beside, circle, speeding_up},
+    resample::check_size,
+};
 use crate::{ReadOptions, checks};
 
 fn kinds(scene: &Scene) -> Vec<&'static str> {
@@ -272,4 +277,15 @@ fn short_recordings_are_read_with_their_horizon() {
         let error = Made::at(&times(frames, 0.1), speeding_up).read().unwrap_err().to_string();
         assert!(error.contains("`length`") && error.contains("11"), "{error}");
     }
+}
+
+#[test]
+fn a_slow_recording_of_many_road_users_is_not_resampled_to_gigabytes() {
+    let mut scene = Made::at(&times(91, 0.1), beside).read().unwrap();
+    let slow: Vec<f64> = times(91, 0.5);
+    let refused = |scene: &Scene| check_size(scene, &slow, 0.5, Path::new("slow.pkl")).err();
+    assert!(refused(&scene).is_none());
+    scene.tracks = vec![scene.tracks[0].clone(); 4000];
+    let error = refused(&scene).expect("1.8 million states").to_string();
+    assert!(error.contains("slow.pkl") && error.contains("1500000 states"), "{error}");
 }

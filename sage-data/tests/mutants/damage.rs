@@ -79,6 +79,14 @@ pub fn any(bytes: &mut Vec<u8>, rng: &mut Rng) -> &'static str {
     }
 }
 
+/// Damages a value of a text: a digit, a number or a word, so that most texts can still be parsed.
+pub fn value(bytes: &mut Vec<u8>, rng: &mut Rng) {
+    match rng.below(3) {
+        0 => word(bytes, rng, |byte| byte.is_ascii_alphabetic() || byte == b'_'),
+        _ => word(bytes, rng, |byte| byte.is_ascii_digit()),
+    }
+}
+
 /// Replaces floats by values that no file has.
 pub fn numbers(bytes: &mut [u8], rng: &mut Rng) {
     let values = [f64::NAN, f64::INFINITY, 3e38, -1e30, 0.0, 1e-40, 1e300, -1e9, 1e9];

@@ -259,6 +259,11 @@ def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
     for key in ("require", "weights", "curriculum"):
         if adversary[key] is not None and not isinstance(adversary[key], str):
             raise OptionError(f"config: adversary: {key} is {adversary[key]!r}; expected a text")
+    # A configuration may come from a file, so it starts no program and imports nothing.
+    if str(adversary["search"] or "").split("{")[0].split(":")[0] in ("cmd", "process", "py"):
+        raise OptionError(
+            f"config: adversary: search is {adversary['search']!r}, a program; expected the name of a driver, or `plans` that sage.search found for yours"
+        )
     attackers = [key for key in ("generator", "search", "plans") if adversary[key] is not None]
     if not attackers and adversary["curriculum"] is not None:
         adversary["generator"] = _advsage.Generator()

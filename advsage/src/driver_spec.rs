@@ -2,6 +2,8 @@
 
 use std::{fmt, path::PathBuf, str::FromStr};
 
+use sage_core::{objective::PartSpec, registry::Entry as _};
+use sage_sim::policy::Takeover;
 use serde_json::{Map, Value, json};
 
 use crate::part::{COMMAND, Part, split};
@@ -85,6 +87,13 @@ impl DriverSpec {
     /// The entry of the registry of policies, with its options.
     pub fn part(&self) -> Part {
         let mut options = self.options.clone();
+        for value in options.values_mut().filter(|_| self.is_of_others()) {
+            // `{"first":"cmd:./planner"}` is as good as the whole form.
+            if let Some(Ok(inner)) = value.as_str().map(str::parse::<Self>) {
+                let Part { name, options } = inner.part();
+                *value = json!({"name": name, "options": options});
+            }
+        }
         let name = match &self.kind {
             DriverKind::Registered(name) => name,
             DriverKind::File { policy, file } => {
@@ -127,7 +136,29 @@ impl DriverSpec {
         }
     }
 
-    /// Whether it starts a program. Only a command line may name one; files that come from elsewhere may not.
+    /// Whether its options are drivers.
+    fn is_of_others(&self) -> bool {
+        matches!(&self.kind, DriverKind::Registered(name) if name == Takeover::NAME)
+    }
+
+    /// The drivers that its options name.
+    fn others(&self) -> Vec<Self> {
+        let of = |value: &Value| match value {
+            Value::String(text) => text.parse().ok(),
+            other => serde_json::from_value(other.clone()).ok().map(|PartSpec { name, options }| {
+                Self::of(Part { name, options: options.into_iter().collect() })
+            }),
+        };
+        self.options.values().filter(|_| self.is_of_others()).filter_map(of).collect()
+    }
+
+    /// Whether a program drives, alone or as one of the drivers or other parts that its options name, however deep. Only a
+    /// command line may name one; files that come from elsewhere may not.
+    pub fn names_program(&self) -> bool {
+        self.is_program() || self.options.values().any(names_program)
+    }
+
+    /// Whether it is a program.
     pub fn is_program(&self) -> bool {
         match &self.kind {
             DriverKind::Command(_) | DriverKind::Class(_) => true,
@@ -146,14 +177,15 @@ impl DriverSpec {
         };
         let module = module.map(|(module, _)| PathBuf::from(module.replace('.', "/") + ".py"));
         let programs = named.chain(module).filter(|path| path.is_file());
-        programs.chain(self.file().map(PathBuf::from)).collect()
+        let own = programs.chain(self.file().map(PathBuf::from));
+        own.chain(self.others().iter().flat_map(Self::files)).collect()
     }
 
     /// [`DriverSpec::files`], and the files beside those that a command names that have the same ending: what a script
     /// imports is often there.
     pub fn files_and_beside(&self) -> Vec<PathBuf> {
         let mut all = self.files();
-        if self.is_program() {
+        if self.names_program() {
             let beside = |file: &PathBuf| -> Vec<PathBuf> {
                 let Some(ending) = file.extension() else { return Vec::new() };
                 let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -254,6 +286,18 @@ impl FromStr for DriverSpec {
     }
 }
 
+/// Whether a value names a program.
+fn names_program(value: &Value) -> bool {
+    match value {
+        Value::String(text) => [COMMAND, CLASS].iter().any(|start| text.trim_start().starts_with(start)),
+        Value::Array(all) => all.iter().any(names_program),
+        Value::Object(fields) => {
+            fields.get("name").is_some_and(|name| name == PROCESS) || fields.values().any(names_program)
+        }
+        _ => false,
+    }
+}
+
 /// The name that a user gives a driver, as in `fiss=cmd:…`, and the rest.
 fn named(text: &str) -> (Option<&str>, &str) {
     let is_plain = |name: &str| {
@@ -315,6 +359,22 @@ mod tests {
             assert_eq!((spec.to_string(), DriverSpec::of(part)), (text.to_owned(), spec));
         }
         assert_eq!("idm".parse::<DriverSpec>().unwrap().part(), Part::named("idm"));
+    }
+
+    #[test]
+    fn a_driver_of_drivers_may_have_a_program() {
+        let short: DriverSpec = r#"takeover{"first":"cmd:./planner 1","then":"pdm"}"#.parse().unwrap();
+        let long = r#"takeover{"first":{"name":"process","options":{"command":["./planner","1"]}},"then":{"name":"pdm"}}"#;
+        let long: DriverSpec = long.parse().unwrap();
+        assert_eq!(short.part().options["first"], long.part().options["first"]);
+        assert_eq!(short.part().options["then"]["name"], "pdm");
+        assert!(short.names_program() && long.names_program() && !short.is_program());
+        let deep = r#"other{"of":[{"parts":{"name":"process"}}]}"#;
+        assert!(deep.parse::<DriverSpec>().unwrap().names_program());
+        let calm: DriverSpec = r#"takeover{"first":{"name":"idm"}}"#.parse().unwrap();
+        assert!(!calm.names_program() && calm.files().is_empty());
+        let of_file: DriverSpec = r#"takeover{"first":"td3:a.safetensors"}"#.parse().unwrap();
+        assert_eq!(of_file.files(), [PathBuf::from("a.safetensors")]);
     }
 
     #[test]

@@ -59,7 +59,8 @@ impl Ego {
     /// *Errors*: the name is not registered, or the policy refuses the options.
     pub fn new(named: &DriverSpec, registries: &Registries) -> Result<Self> {
         let part = &named.part();
-        let is_command = registries.policies.get(&part.name).is_err() && part.name.contains([' ', '/']);
+        let is_command = registries.policies.get(&part.name).is_err()
+            && (part.name.contains([' ', '/']) || Path::new(&part.name).is_file());
         let hint = || format!("to run a program as the driver, write --ego 'cmd:{}'", part.name);
         let policy = part.build(&registries.policies);
         let policy = if is_command { policy.with_context(hint)? } else { policy? };
@@ -72,7 +73,7 @@ impl Ego {
             label,
             stream,
             policy,
-            is_program: named.is_program(),
+            is_program: named.names_program(),
             references,
             fault: FaultRule::default(),
         })
@@ -125,9 +126,10 @@ pub fn identity(part: &DriverSpec) -> Result<Value> {
     let mut all = vec![json!(part.for_identity())];
     for file in part.files_and_beside() {
         let shown = file.display();
-        let hash = if part.is_program() { file_hash(&file) } else { content_hash(&file) };
+        let hash = if part.names_program() { file_hash(&file) } else { content_hash(&file) };
         let hash = hash.with_context(|| format!("cannot read `{shown}`"))?;
-        all.push(json!(hash));
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        all.push(json!(format!("{name} {hash}")));
     }
     Ok(if all.len() == 1 { all.remove(0) } else { json!(all) })
 }

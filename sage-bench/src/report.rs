@@ -216,7 +216,10 @@ fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) ->
         row.extend(knows.then(|| if known.is_empty() { "-".to_owned() } else { known.clone() }));
         row
     };
-    let title = study.report.titles.get(&subject).cloned().unwrap_or_else(|| subject.title().to_owned());
+    let mut title = study.report.titles.get(&subject).cloned().unwrap_or_else(|| subject.title().to_owned());
+    if [Subject::Trajectory, Subject::AttackedDrive].contains(&subject) && !study.selection.is_empty() {
+        title = format!("{}. Selection: `{}`.", title.trim_end_matches([':', '.']), study.selection);
+    }
     let published = match &study.report.published {
         Some(name) => published(name)?,
         None => Vec::new(),

@@ -206,7 +206,7 @@ impl Study {
     /// Refuses drivers that are programs: a study may come from anywhere, and what it names would be run.
     fn refuse_programs(&self) -> Result<()> {
         for text in &self.ego {
-            let is_program = text.parse::<DriverSpec>().is_ok_and(|part| part.is_program());
+            let is_program = text.parse::<DriverSpec>().is_ok_and(|part| part.names_program());
             require(!is_program, || {
                 format!(
                     "`ego` names the program `{text}`; a file names no program, so give it as --ego on the command line"

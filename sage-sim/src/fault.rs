@@ -115,9 +115,9 @@ impl FaultClass {
             Self::StoppedTrack => "the other stood",
             Self::ActiveRear => "the ego was hit from behind",
             Self::ActiveFront => "the ego's front hit the other",
-            Self::LateralInLane => "a side contact, the ego in its lane",
-            Self::LateralOffLane => "a side contact, the ego not in one lane",
-            Self::LateralUnknown => "a side contact, on a map without lanes",
+            Self::LateralInLane => "a contact at a side or corner, the ego in its lane",
+            Self::LateralOffLane => "a contact at a side or corner, the ego not in one lane",
+            Self::LateralUnknown => "a contact at a side or corner, on a map without lanes",
             Self::Appeared => "the other appeared within 0.3 s before",
             Self::SlowedEgo => "the ego had braked in its lane, and a faster car met it",
         }

@@ -100,4 +100,10 @@ impl FailureRow {
         let prevents = self.evaluated.references.iter().find(|answer| answer.prevents == Some(true));
         prevents.map(|answer| &*answer.reference)
     }
+
+    /// The reference drivers that were asked and do not prevent it.
+    pub fn not_prevented_by(&self) -> impl Iterator<Item = &str> {
+        let asked = self.evaluated.references.iter();
+        asked.filter(|answer| answer.prevents != Some(true)).map(|answer| &*answer.reference)
+    }
 }

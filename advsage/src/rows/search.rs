@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use sage_core::{
     files,
-    motion::Trajectory,
+    motion::{NOW, Trajectory},
     text::{count, escaped_name},
 };
 use sage_sim::{
@@ -267,6 +267,18 @@ impl SceneRow {
         reason.map_or("", Reason::words)
     }
 
+    /// That the driver has a contact without any attack, and when.
+    pub fn contact_without_attack(&self) -> Option<String> {
+        let step = self.unattacked_contact?;
+        Some(format!("without an attack this driver has a contact after {:.1} s", step as f64 / 10.0))
+    }
+
+    /// How far the ego drives without an attack from *now* on, metres.
+    pub fn unattacked_metres(&self) -> f64 {
+        let path = self.unattacked_path.get(NOW..).unwrap_or_default();
+        path.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])).sum()
+    }
+
     /// Box centre and heading of the ego in the unattacked drive.
     pub fn unattacked_path(&self) -> &[[f64; 3]] {
         &self.unattacked_path
@@ -316,8 +328,17 @@ impl SceneRow {
             "scene `{scene}`, driver `{ego}`, adversary `{adversary}`: {result}\n  {proposed} plans proposed, {} searched{left_out}\n  {} drives: {} attacks, {} of them believable, {} with the driver at fault, {} failures\n",
             plans.in_pool, self.drives, self.attacks, self.believable, self.at_fault, self.failures
         );
+        let not_prevented = self.at_fault.saturating_sub(self.failures);
+        if not_prevented > 0 && self.require == Requirement::default() {
+            text += &format!(
+                "  {not_prevented} of those at fault are no failures: no reference driver prevents the contact\n"
+            );
+        }
         if self.errors > 0 {
             text += &format!("  {} drives in which the driver gave an error\n", self.errors);
+        }
+        if let Some(contact) = self.contact_without_attack() {
+            text += &format!("  {contact}\n");
         }
         if let Some(reached) = self.reached.filter(|_| self.failures == 0 && self.reason != self.reached) {
             text += &format!("  the furthest that an attack came: {}\n", reached.words());
@@ -358,6 +379,7 @@ impl SceneRow {
             errors => format!("; {}", count(errors, "drive with an error of the driver")),
         };
         let time = seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s));
-        format!("{}: {found}{errors} ({time})", escaped_name(&self.head.scene))
+        let before = self.contact_without_attack().map_or(String::new(), |contact| format!("; {contact}"));
+        format!("{}: {found}{errors}{before} ({time})", escaped_name(&self.head.scene))
     }
 }

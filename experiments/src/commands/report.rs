@@ -59,6 +59,8 @@ struct Without<'a> {
     scene: &'a str,
     driver: String,
     reason: &'a str,
+    /// That the driver has a contact without any attack.
+    note: Option<String>,
 }
 
 /// The failures of one scene of one search.
@@ -111,6 +113,7 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
                 scene: row.scene(),
                 driver: without_folders(row.ego()),
                 reason: row.reason_words(),
+                note: row.contact_without_attack(),
             })
             .collect(),
         ..collected(found)?
@@ -191,7 +194,7 @@ fn of_scene<'a>(
         let mut described = Vec::with_capacity(failures.len());
         for (number, failure) in &failures {
             let link = format!("{SCENES}/{}", html_page::link(&page));
-            let (entry, of_entry) = Entry::new(&scene, *number, failure, &link)?;
+            let (entry, of_entry) = Entry::new(&scene, row, *number, failure, &link)?;
             area = Some(area.map_or(of_entry, |area| area.union(&of_entry)));
             described.push(entry);
         }

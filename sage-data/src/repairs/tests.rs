@@ -285,7 +285,7 @@ fn a_slow_recording_of_many_road_users_is_not_resampled_to_gigabytes() {
     let slow: Vec<f64> = times(91, 0.5);
     let refused = |scene: &Scene| check_size(scene, &slow, 0.5, Path::new("slow.pkl")).err();
     assert!(refused(&scene).is_none());
-    scene.tracks = vec![scene.tracks[0].clone(); 4000];
+    scene.tracks = vec![scene.tracks[0].clone(); 4000].into();
     let error = refused(&scene).expect("1.8 million states").to_string();
     assert!(error.contains("slow.pkl") && error.contains("1500000 states"), "{error}");
 }

@@ -62,6 +62,20 @@ pub(super) fn read_record(folder: &Folder) -> Result<Option<Value>> {
 /// Longest value that is shown where two runs differ.
 const LONGEST_SHOWN: usize = 80;
 
+/// The name of the first file whose hash differs between two values that hold `NAME HASH`.
+fn changed_file<'v>(there: &'v Value, here: &'v Value) -> Option<&'v str> {
+    match (there, here) {
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            a.iter().zip(b).find(|(a, b)| a != b).and_then(|(a, b)| changed_file(a, b))
+        }
+        (Value::String(a), Value::String(b)) => {
+            let ((before, _), (now, _)) = (a.rsplit_once(' ')?, b.rsplit_once(' ')?);
+            (before == now).then_some(now)
+        }
+        _ => None,
+    }
+}
+
 /// In what the run of a folder differs from another, in words.
 pub(super) fn difference(recorded: &Value, own: &Value) -> String {
     let both = |key: &str| [&recorded[key], &own[key]].map(|value| value.as_str().unwrap_or_default());
@@ -79,6 +93,9 @@ pub(super) fn difference(recorded: &Value, own: &Value) -> String {
     let mut keys = own.as_object().into_iter().chain(recorded.as_object()).flat_map(|object| object.keys());
     let other = keys.find(|key| recorded[&**key] != own[&**key]);
     let Some(key) = other else { return "it differs".to_owned() };
+    if let Some(file) = changed_file(&recorded[&**key], &own[&**key]) {
+        return format!("`{file}` has changed since");
+    }
     let short = |value: &Value| Some(value.to_string()).filter(|text| text.len() <= LONGEST_SHOWN);
     match (short(&recorded[&**key]), short(&own[&**key])) {
         (Some(there), Some(here)) => format!("its `{key}` is {there}, and here it is {here}"),

@@ -216,8 +216,13 @@ fn greeted(program: &mut Program, log: &Log, limit: Duration) -> Result<Greeting
         }
         log.note(&line);
         let left = limit.saturating_sub(start.elapsed());
+        let said = line;
         line = program.ask(&[], left, watched).map_err(|failure| match failure {
-            Failure::Late(_) => Failure::Late(limit).to_string(),
+            Failure::Late(_) => format!(
+                "it printed `{}`, which is no answer to `hello`, and then nothing; {}",
+                shortened(&said),
+                Failure::Late(limit)
+            ),
             failure => failure.to_string(),
         })?;
     }

@@ -56,7 +56,7 @@ impl Origin {
             Self::OffLanes => "off the lanes",
             Self::SameDirection => "the same direction",
             Self::OppositeDirection => "the opposite direction",
-            Self::SideRoad => "a side road",
+            Self::SideRoad => "a crossing direction",
         }
     }
 }

@@ -195,7 +195,7 @@ pub enum Reason {
     Error,
     /// No plan keeps to the road and clear of the others.
     NoFeasiblePlan,
-    /// The driver had no contact.
+    /// The driver had no contact in any attacked drive.
     NeverHit,
     /// Contacts, but there would be one without the attack too, or the first is with another road user.
     ContactWithoutAttack,
@@ -241,10 +241,12 @@ impl Reason {
         match self {
             Self::Error => "the driver gave an error in every drive",
             Self::NoFeasiblePlan => "no plan of the adversary is feasible",
-            Self::NeverHit => "the driver had no contact",
-            Self::ContactWithoutAttack => "no contact comes from the attack alone",
+            Self::NeverHit => "no contact in any attacked drive",
+            Self::ContactWithoutAttack => {
+                "every contact comes without the attack too, or is first with another road user"
+            }
             Self::NotBelievable => "no attack is believable",
-            Self::NotAtFault => "never the driver's fault",
+            Self::NotAtFault => "no believable attack is at the driver's fault",
             Self::NotShownAvoidable => "no evasive manoeuvre was found",
             Self::NotPreventable => "no reference driver prevents the contact",
             Self::Budget => "the budget ended before the plans did",

@@ -3,8 +3,9 @@
 //!
 //! A driver passes if it is at fault in no contact with anybody, stays on the road, and makes *progress*: along its route
 //! from *now* on, at least half of what the reference driver does that prevents the contact, or, where none prevents it, of
-//! its own unattacked drive; both up to the contact of the driver under test. Where that is less than 5 m, progress is not
-//! asked. A contact that is not its fault, or whose fault is unknown, passes with a mark.
+//! its own unattacked drive, or of the recording if it does less than half of that; all up to the contact of the driver under
+//! test. Where that is less than 5 m, progress is not asked. A contact that is not its fault, or whose fault is unknown,
+//! passes with a mark.
 
 use sage_core::motion::{NOW, Trajectory};
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,8 @@ const SHARE: f64 = 0.5;
 const SHORTEST: f64 = 5.0;
 /// Where progress is compared with the driver's own drive without the attack.
 pub const UNATTACKED: &str = "unattacked drive";
+/// Where it is compared with the recording: a driver that stands without an attack is no measure of itself.
+pub const RECORDING: &str = "recording";
 
 /// What is asked of a driver beyond passing.
 #[derive(Clone, Copy, Debug, Default)]
@@ -58,7 +61,7 @@ pub struct MadeProgress {
     pub made: f64,
     /// Of the drive that it is compared with, metres.
     pub compared: f64,
-    /// That drive: a reference driver, or [`UNATTACKED`].
+    /// That drive: a reference driver, [`UNATTACKED`] or [`RECORDING`].
     pub with: String,
 }
 
@@ -68,9 +71,14 @@ impl MadeProgress {
         self.compared >= SHORTEST
     }
 
+    /// Least progress that passes, metres.
+    pub fn least(&self) -> f64 {
+        SHARE * self.compared
+    }
+
     /// Whether it is enough, or not asked.
     pub fn is_enough(&self) -> bool {
-        !self.is_asked() || self.made >= SHARE * self.compared
+        !self.is_asked() || self.made >= self.least()
     }
 }
 
@@ -110,21 +118,31 @@ impl TestDrive {
         let along = |motion: &Motion| route.locate(motion.position, Localization::Nearest).along;
         let until = until_contact(drive);
         let steps = until.len().saturating_sub(NOW + 1);
-        let progress = |motions: &[Motion]| {
-            let motions = &motions[..motions.len().min(steps + 1)];
-            let first = motions.first().map_or(0.0, along);
-            motions.iter().map(along).fold(first, f64::max) - first
+        let furthest = |places: Vec<f64>| {
+            let first = places.first().copied().unwrap_or_default();
+            places.into_iter().take(steps + 1).fold(first, f64::max) - first
         };
+        let progress = |motions: &[Motion]| furthest(motions.iter().map(along).collect());
         let from_now = |motions: &[Motion]| motions.get(NOW..).map(progress).unwrap_or_default();
+        let recorded = || {
+            let ego = test.simulated().scene().ego();
+            let frames = (NOW..ego.valid.len()).filter(|frame| ego.valid[*frame]);
+            furthest(
+                frames.map(|frame| route.locate(ego.point(frame), Localization::Nearest).along).collect(),
+            )
+        };
         let (compared, with) = match prevention.by() {
-            Some(reference) => (progress(&prevention.motions), reference.to_owned()),
-            None => (from_now(until_contact(test.unattacked())), UNATTACKED.to_owned()),
+            Some(reference) => (progress(&prevention.motions), reference),
+            None => {
+                let (own, recorded) = (from_now(until_contact(test.unattacked())), recorded());
+                if own < SHARE * recorded { (recorded, RECORDING) } else { (own, UNATTACKED) }
+            }
         };
         Ok(Self {
             contact: Met::first(&outcome, test),
             at_fault,
             off_road: drive.off_road.step().filter(|_| !facts.recording_leaves_road),
-            progress: MadeProgress { made: from_now(until), compared, with },
+            progress: MadeProgress { made: from_now(until), compared, with: with.to_owned() },
             comfortable: facts.is_comfortable,
         })
     }

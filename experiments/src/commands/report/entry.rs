@@ -1,6 +1,9 @@
 //! What the page says of one failure.
 
-use advsage::rows::{failure::FailureRow, search::failure_name};
+use advsage::rows::{
+    failure::FailureRow,
+    search::{SceneRow, failure_name},
+};
 use anyhow::{Context as _, Result};
 use sage_core::geometry::{Aabb, Point};
 use sage_sim::{
@@ -11,6 +14,9 @@ use sage_view::listing::car::{Car, path, shown_area};
 use serde::Serialize;
 
 use crate::commands::search::found::{FailureScene, without_folders};
+
+/// Time that people need from the first sign of danger, seconds.
+const SHORT_FOR_PEOPLE: f64 = 0.75;
 
 /// A failure on the page.
 #[derive(Serialize)]
@@ -33,6 +39,10 @@ pub(super) struct Entry {
     human_time: Option<f64>,
     /// The reference driver that prevents the contact.
     prevented_by: Option<String>,
+    /// Those that were asked before and do not.
+    not_prevented_by: Vec<String>,
+    /// That the driver has a contact without any attack.
+    without_attack: Option<String>,
     adversary_from: &'static str,
     /// What the adversary does against lights and lines.
     violation: &'static str,
@@ -50,6 +60,7 @@ impl Entry {
     /// *Errors*: the row is not as a search writes it.
     pub(super) fn new(
         scene: &FailureScene,
+        row: &SceneRow,
         number: usize,
         failure: &FailureRow,
         page: &str,
@@ -86,6 +97,8 @@ impl Entry {
             latest_start: failure.avoidable.latest_start,
             human_time: failure.evaluated.human_time,
             prevented_by: failure.prevented_by().map(str::to_owned),
+            not_prevented_by: failure.not_prevented_by().map(str::to_owned).collect(),
+            without_attack: row.contact_without_attack(),
             adversary_from: circumstances.adversary_from.words(),
             violation: circumstances.violation(),
             right_of_way: circumstances.right_of_way.map_or("unknown", Party::words),
@@ -110,9 +123,13 @@ impl Entry {
             Some(false) => "ego not at fault",
             None => "fault unknown",
         };
-        let prevented =
-            self.prevented_by.as_ref().map_or(String::new(), |name| format!("; {name} prevents it"));
-        let from = format!(" comes from {}", self.adversary_from);
+        let prevented = self.prevented_by.as_ref().map(|name| format!("{name} prevents it"));
+        let not = Some(self.not_prevented_by.join(", ")).filter(|names| !names.is_empty()).map(|names| {
+            format!("{names} {}", if self.not_prevented_by.len() == 1 { "does not" } else { "do not" })
+        });
+        let asked: Vec<String> = [prevented, not].into_iter().flatten().collect();
+        let asked = if asked.is_empty() { String::new() } else { format!("; {}", asked.join(", ")) };
+        let from = format!(", comes from {}", self.adversary_from);
         let violation =
             if self.violation == "neither" { String::new() } else { format!(", {}", self.violation) };
         let right_of_way = match self.right_of_way {
@@ -122,8 +139,13 @@ impl Entry {
         let evasion = self.latest_start.map_or(String::new(), |time| {
             format!("; an evasive manoeuvre, knowing the plan, could begin as late as {time:.1} s before the contact")
         });
+        let human = self.human_time.map_or(String::new(), |time| {
+            let short = if time < SHORT_FOR_PEOPLE { ", less than people need (0.75 s)" } else { "" };
+            format!("; human time {time:.1} s{short}")
+        });
+        let without = self.without_attack.as_ref().map_or(String::new(), |contact| format!("; {contact}"));
         format!(
-            "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{from}{violation}{right_of_way}{prevented}{evasion}",
+            "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{from}{violation}{right_of_way}{asked}{evasion}{human}{without}",
             self.cluster, self.contact_after, self.impact, self.adversary_does
         )
     }

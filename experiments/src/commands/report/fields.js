@@ -1,13 +1,14 @@
 // What the page of a report lists: failures. Comes before list.js in one script.
 function fields() {
   const inWords = (value) => words(value).replaceAll("_", " ");
-  // Plainest first: what a reference driver prevents, then what could still be avoided latest.
-  for (const f of items) f.plain = (f.prevented_by ? 100 : 0) - (Number.isFinite(f.latest_start) ? f.latest_start : 50);
+  // Plainest first: what a reference driver prevents and leaves people time, then what could still be avoided latest.
+  const isShort = (f) => Number.isFinite(f.human_time) && f.human_time < 0.75;
+  for (const f of items) f.plain = (f.prevented_by ? 100 : 0) - (isShort(f) ? 75 : 0) - (Number.isFinite(f.latest_start) ? f.latest_start : 50);
   return {
     label: "Failures",
     across: 35, // metres across a thumbnail, at least
     moment: "Top view, north up, at the contact",
-    note: "The list begins with what a reference driver prevents, then the smallest latest start. Verdicts assume perfect perception without latency; others replay their recordings; 8 s, one adversary.",
+    note: "The list begins with what a reference driver prevents, those with a human time of less than 0.75 s last, then the smallest latest start. Verdicts assume perfect perception without latency; others replay their recordings; 8 s, one adversary.",
     facets: [
       ["driver", "Driver"], ["cluster", "Cluster"], ["collision", "Collision"], ["ego_does", "Ego does"], ["adversary_does", "Adversary does"], ["road", "Road"],
       ["at_fault", "Fault", answer("at fault", "not at fault")], ["fault", "Fault class", inWords], ["right_of_way", "Right of way"], ["adversary_from", "Adversary from"], ["violation", "Adversary: lights, lines"], ["prevented_by", "Prevented by"], ["plan", "Plan"],
@@ -25,9 +26,10 @@ function fields() {
     head: (f) => [words(f.name), words(f.driver)],
     values: (f) => [
       ["contact", measured(f.contact_after, 1, " s"), "Time from now, the start of the attack, to the contact"], ["impact", measured(f.impact, 1, " m/s")],
-      ["reward", measured(f.reward, 1)], ["latest start", measured(f.latest_start, 1, " s"), "How late before the contact an evasive manoeuvre, knowing the plan, could begin"], ["λ", measured(f.lambda, 2)],
+      ["reward", measured(f.reward, 1)], ["latest start", measured(f.latest_start, 1, " s"), "How late before the contact an evasive manoeuvre, knowing the plan, could begin"],
+      ["human time", measured(f.human_time, 1, " s") + (isShort(f) ? " (short)" : ""), "From the onset of the plan to the latest start; people need 0.75 s"], ["λ", measured(f.lambda, 2)],
     ],
-    badge: (f) => [f.at_fault === true ? "at fault" : f.at_fault === false ? "not at fault" : "fault unknown", f.at_fault === true, `${inWords(f.fault)}; ${f.prevented_by ? `${words(f.prevented_by)} prevents it` : "no reference driver prevents it"}`],
+    badge: (f) => [f.at_fault === true ? "at fault" : f.at_fault === false ? "not at fault" : "fault unknown", f.at_fault === true, `${inWords(f.fault)}; ${f.prevented_by ? `${words(f.prevented_by)} prevents it` : "no reference driver prevents it"}${f.not_prevented_by.length ? `, not ${f.not_prevented_by.map(words).join(", ")}` : ""}${f.without_attack ? `; ${words(f.without_attack)}` : ""}`],
     none: (isEmpty) => (!isEmpty ? "No failure meets all filters." : data.without.length ? "The searches found no failure." : "There are no failures: no scene was searched."),
     build: (isEmpty) => isEmpty && (element("without").open = true),
     showMore: showWithout,
@@ -52,7 +54,8 @@ function showWithout(wanted) {
   for (const [reason, of] of [...reasons].sort((a, b) => b[1].length - a[1].length || collator.compare(a[0], b[0]))) {
     const details = make("details", list);
     make("summary", details, "", `${reason} (${of.length})`);
-    const names = of.map((w) => (isOne ? words(w.scene) : `${words(w.scene)} (${words(w.driver)})`)).sort(collator.compare);
+    const further = (w) => [...(isOne ? [] : [words(w.driver)]), ...(w.note ? [words(w.note)] : [])];
+    const names = of.map((w) => words(w.scene) + (further(w).length ? ` (${further(w).join(": ")})` : "")).sort(collator.compare);
     details.addEventListener("toggle", () => { if (details.children.length < 2) make("p", details, "", names.join(", ")); });
   }
 }

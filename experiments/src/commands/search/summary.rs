@@ -22,7 +22,13 @@ pub(super) struct Summary {
     reasons: BTreeMap<Reason, usize>,
     /// Those that the budget ended, by what the best drive missed.
     reached: BTreeMap<Reason, usize>,
+    /// Scenes with a contact without any attack, and in which the driver stands without one.
+    contacts_without_attack: usize,
+    standing: usize,
 }
+
+/// A driver that goes less far in 8 s stands, metres.
+const STANDING: f64 = 2.0;
 
 /// Names of [`Summary::with`].
 const NAMES: [&str; 4] = ["attack", "believable", "at_fault", "failure"];
@@ -31,12 +37,24 @@ impl Summary {
     pub(super) fn of(rows: impl Iterator<Item = SceneRow>, require: Requirement) -> Self {
         let (reasons, reached) = (BTreeMap::new(), BTreeMap::new());
         let sources = BTreeMap::new();
-        let mut all =
-            Self { require, scenes: 0, drives: 0, errors: 0, with: [0; 4], sources, reasons, reached };
+        let mut all = Self {
+            require,
+            scenes: 0,
+            drives: 0,
+            errors: 0,
+            with: [0; 4],
+            sources,
+            reasons,
+            reached,
+            contacts_without_attack: 0,
+            standing: 0,
+        };
         for row in rows {
             all.scenes += 1;
             all.drives += row.drives;
             all.errors += row.errors;
+            all.contacts_without_attack += usize::from(row.unattacked_contact.is_some());
+            all.standing += usize::from(row.unattacked_metres() < STANDING);
             let found = [row.attacks, row.believable, row.at_fault, row.failures];
             for (scenes, found) in all.with.iter_mut().zip(found) {
                 *scenes += usize::from(found > 0);
@@ -100,6 +118,17 @@ impl Summary {
             for (reached, scenes) in self.reached.iter().filter(|_| *reason == Reason::Budget) {
                 lines.push(format!("    {scenes} of them so far: {}", reached.words()));
             }
+        }
+        let within = |scenes: usize| format!("{scenes} of {}", count(self.scenes, "scene"));
+        if self.contacts_without_attack > 0 {
+            let scenes = within(self.contacts_without_attack);
+            lines.push(format!(
+                "  in {scenes} this driver has a contact without any attack: `sage simulate` shows it"
+            ));
+        }
+        if 2 * self.standing > self.scenes {
+            let scenes = within(self.standing);
+            lines.push(format!("warning: in {scenes} this driver stands without any attack; whoever stands is at fault in nothing, so a search finds little"));
         }
         lines.join("\n")
     }

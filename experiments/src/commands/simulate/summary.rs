@@ -18,6 +18,8 @@ struct Tally {
     off_road: [usize; 2],
     attacks: usize,
     avoidable: [usize; 2],
+    /// Sum of the shares of the routes that are driven, and their number.
+    completion: (f64, usize),
 }
 
 impl Tally {
@@ -31,6 +33,10 @@ impl Tally {
             usize::from(row.off_road_measured && row.off_road.is_some() && !row.off_road_as_recorded);
         self.off_road[1] += usize::from(row.off_road_measured);
         self.attacks += usize::from(is_attack);
+        if let Some(completion) = row.completion {
+            self.completion.0 += completion;
+            self.completion.1 += 1;
+        }
         let avoidable =
             row.attack.as_ref().and_then(|attack| attack.avoidable.avoidable).filter(|_| is_attack);
         self.avoidable[0] += usize::from(avoidable == Some(true));
@@ -64,7 +70,8 @@ pub(super) fn table(simulation: &Job, folder: &Path, inputs: &[&Input], run_hash
     }
     let is_attacked = variants.iter().any(|variant| !variant.is_empty());
     let attacked: &[&str] = if is_attacked { &["attack", "attacked", "avoidable"] } else { &[] };
-    let heads = [&["driver"], attacked, &["drives", "contact", "at fault", "off road"]].concat();
+    let heads =
+        [&["driver"], attacked, &["drives", "contact", "at fault", "off road", "completion"]].concat();
     let mut table = Table { names: 1 + usize::from(is_attacked), ..Table::new("", &heads) };
     for (k, tally) in tallies.iter().enumerate() {
         let (ego, variant) = (&simulation.egos[k / variants.len()], &variants[k % variants.len()]);
@@ -74,6 +81,13 @@ pub(super) fn table(simulation: &Job, folder: &Path, inputs: &[&Input], run_hash
         }
         cells.push(tally.drives.to_string());
         cells.extend([tally.share(tally.contacts), tally.share(tally.at_fault), of(tally.off_road)]);
+        // How much of the recorded route it drives: whoever stands is at fault in nothing.
+        let (sum, drives) = tally.completion;
+        cells.push(if drives == 0 {
+            "-".to_owned()
+        } else {
+            format!("{:.0} %", 100.0 * sum / drives as f64)
+        });
         table.row(&ego.label, cells);
     }
     Some(table)

@@ -16,6 +16,9 @@ use crate::{
     junit::{Case, Verdict},
 };
 
+/// What comes before the last lines of a planner's log in a message.
+const LOG: &str = "; the end of its standard error";
+
 /// What came of a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -116,7 +119,11 @@ impl<'s> ResultRow<'s> {
     fn words(&self) -> String {
         let after = |met: &Met| format!("contact after {:.1} s", met.step as f64 / 10.0);
         match (&self.error, &self.driven) {
-            (Some(error), _) => error.clone(),
+            // A table has no place for a traceback: the end of it says what went wrong.
+            (Some(error), _) => match error.split_once(LOG) {
+                Some((error, log)) => format!("{error}: {}", log.rsplit(" | ").next().unwrap_or(log)),
+                None => error.clone(),
+            },
             (None, Driven::Measured { drive, shortfall }) => {
                 let met = drive.contact.as_ref().map_or("no contact".to_owned(), after);
                 let speed = drive.contact.as_ref().map_or(0.0, |met| met.impact_speed);
@@ -129,7 +136,11 @@ impl<'s> ResultRow<'s> {
                     ),
                     Some(Shortfall::NoProgress) => {
                         let (made, compared, with) = (progress.made, progress.compared, &progress.with);
-                        format!("{made:.0} m of progress, {with} {compared:.0} m; {met}")
+                        let met = if drive.contact.is_some() { fault() } else { met };
+                        format!(
+                            "{made:.0} m of progress, at least {:.0} m are asked ({with}: {compared:.0} m); {met}",
+                            progress.least()
+                        )
                     }
                     Some(Shortfall::Discomfort) => format!("{met}; beyond the bounds of comfort"),
                     Some(Shortfall::AtFault | Shortfall::Contact) => fault(),
@@ -228,7 +239,7 @@ pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
     let scene = |row: &&&ResultRow| args.suite.join(format!("{}.safetensors", row.head.test)).is_file();
     if let Some(row) = new.iter().find(scene) {
         let scene = args.suite.join(format!("{}.safetensors", row.head.test)).display().to_string();
-        let [scene, ego] = [scene, args.ego.to_string()].map(output::quoted);
+        let [scene, ego] = [scene, args.ego.for_identity()].map(output::quoted);
         text += &format!("\nwatch one: sage simulate {scene} --ego {ego} --out watch/");
     }
     progress::say_lines(&text);

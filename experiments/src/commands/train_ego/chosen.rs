@@ -138,7 +138,7 @@ fn teacher(args: &TrainEgoArgs, of_recipe: Option<&str>) -> Result<Option<Driver
         return Ok(None);
     }
     // Their files would decide what is learnt, and under which licence.
-    if teacher.is_program() || teacher.is_of_file() {
+    if teacher.names_program() || !teacher.files().is_empty() || teacher.is_of_file() {
         bail!(
             "--teacher: `{}` is not a scripted policy of `sage list`; name one that is, such as expert",
             teacher.part().name

@@ -260,7 +260,7 @@ def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
         if adversary[key] is not None and not isinstance(adversary[key], str):
             raise OptionError(f"config: adversary: {key} is {adversary[key]!r}; expected a text")
     # A configuration may come from a file, so it starts no program and imports nothing.
-    if str(adversary["search"] or "").split("{")[0].split(":")[0] in ("cmd", "process", "py"):
+    if any(word in str(adversary["search"] or "") for word in ("cmd:", "py:", "process")):
         raise OptionError(
             f"config: adversary: search is {adversary['search']!r}, a program; expected the name of a driver, or `plans` that sage.search found for yours"
         )

@@ -387,13 +387,13 @@ mod tests {
     #[test]
     fn a_study_from_anywhere_cannot_ask_for_any_number() {
         for (field, most) in [("procedural", MOST_PROCEDURAL), ("untrained", MOST_UNTRAINED)] {
-            let mut study = Study::shipped("open-loop").unwrap().unwrap();
-            study.set(&format!("{field}={}", most + 1)).unwrap();
-            let error = in_one_line(&study.check().unwrap_err());
-            assert!(
-                error.contains(&format!("`{field}` is {}; expected at most {most}", most + 1)),
-                "{error}"
-            );
+            for count in [most + 1, 5_000_000, 100_000_000, 1 << 32, u64::MAX] {
+                let mut study = Study::shipped("open-loop").unwrap().unwrap();
+                study.set(&format!("{field}={count}")).unwrap();
+                let error = in_one_line(&study.check().unwrap_err());
+                let expected = format!("`{field}` is {count}; expected at most {most}");
+                assert!(error.contains(&expected), "{error}");
+            }
         }
     }
 

@@ -109,8 +109,8 @@ fn misbehaving_planners_fail_their_drive_with_a_clear_message() {
 fn one_answer_too_many_fails_the_drive_whenever_it_comes() {
     let Some([program, file]) = python("misbehaving.py") else { return };
     let scene = road_ahead();
-    for _ in 0..5 {
-        let policy = planner(&[&program, &file, "answers once too often, later"], LATE);
+    for step in [0, 1, 5, 40, 78] {
+        let policy = planner(&[&program, &file, &format!("answers once too often at step {step}")], LATE);
         let error = driven(&scene, &*policy).expect_err("it drives");
         assert!(matches!(error, Error::Planner { .. }), "{error}");
     }

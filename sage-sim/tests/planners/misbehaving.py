@@ -57,7 +57,7 @@ def reset():
 
 
 def step():
-    if how == "answers once too often, later" and steps == 5:
+    if how == f"answers once too often at step {steps}":
         say(json.dumps(GOOD))
         time.sleep(0.05)
     if how == "answers an earlier step" and steps == 5:

@@ -17,13 +17,13 @@ pub fn find(name: &str, experts: &ExpertSet, selection: &Selection) -> Result<Fi
     Ok(FittedDial::load(&weights::find(name)?, experts, &selection.name, selection.objective.spec())?)
 }
 
-/// What the user should know of a dial that is used with a merger; `None` if it was fitted for it.
-pub fn note_on_merger(dial: &FittedDial, merger: &str) -> Option<String> {
-    (dial.merger != merger).then(|| {
-        format!(
-            "the dial was fitted for the merger `{}`; with `{merger}` the attack rate may not rise linearly",
-            dial.merger
-        )
+/// What the user should know of a dial that is used with a merger, and perhaps a generator; `None` if it was fitted for these.
+pub fn note_on_use(dial: &FittedDial, merger: &str, generator: Option<&str>) -> Option<String> {
+    let pairs = [("merger", &*dial.merger, Some(merger)), ("generator", &*dial.generator, generator)];
+    let other = pairs.into_iter().find(|(_, fitted, used)| used.is_some_and(|used| used != *fitted));
+    other.map(|(what, fitted, used)| {
+        let used = used.unwrap_or_default();
+        format!("the dial was fitted for the {what} `{fitted}`; with `{used}` the attack rate may not rise linearly")
     })
 }
 
@@ -34,11 +34,12 @@ pub(crate) fn of_weights(
     weights: Option<&NamedExperts>,
     selection: &Selection,
     merger: &Part,
+    generator: Option<&str>,
     notes: &mut Vec<String>,
 ) -> Result<Aggression> {
     let weights = weights
         .ok_or_else(|| Error::Value("a dial needs experts; name weights that hold some".to_owned()))?;
     let dial = find(&weights.name, &weights.experts, selection)?;
-    notes.extend(note_on_merger(&dial, &merger.to_string()));
+    notes.extend(note_on_use(&dial, &merger.to_string(), generator));
     Ok(dial.mu)
 }

@@ -244,7 +244,9 @@ impl CheckedGenerator<'_> {
         };
         let mut notes = Vec::new();
         let points = if facts.uses_operating_point() {
-            let dial = || dial::of_weights(weights.as_ref(), &selection, &spec.merger, &mut notes);
+            let dial = || {
+                dial::of_weights(weights.as_ref(), &selection, &spec.merger, Some(&method.name), &mut notes)
+            };
             spec.points.specs(range, dial)?
         } else {
             vec![OperatingPointSpec::at(1.0, None, range)?]

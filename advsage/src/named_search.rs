@@ -116,9 +116,9 @@ impl SearchSpec {
         }
         let mut notes = Vec::new();
         let range = generators.merger().range();
-        let points = spec
-            .points
-            .specs(range, || dial::of_weights(weights.as_ref(), &selection, &spec.merger, &mut notes))?;
+        let points = spec.points.specs(range, || {
+            dial::of_weights(weights.as_ref(), &selection, &spec.merger, None, &mut notes)
+        })?;
         let plans = match &method {
             Some((method, _)) => PlanSources::of_generator(&generators, method, &points, plans)?,
             None => PlanSources::pool(&generators, &points, plans)?,

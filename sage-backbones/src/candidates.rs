@@ -44,8 +44,7 @@ pub fn select(
     match selection {
         Sampling::TopK => first_k(log_probs, k),
         Sampling::Gumbel => {
-            let noisy: Vec<f32> = log_probs.iter().map(|p| (f64::from(*p) + gumbel(rng)) as f32).collect();
-            let mut selected = first_k(&noisy, k);
+            let mut selected = drawn(log_probs, k, rng);
             selected.sort_by(|a, b| by_rank(log_probs, *a, *b));
             selected
         }
@@ -62,6 +61,13 @@ pub fn select(
             selected
         }
     }
+}
+
+/// Up to `k` modes without replacement, each by its probability, in the order in which they are drawn: the first of them are a
+/// draw too.
+pub fn drawn(log_probs: &[f32], k: usize, rng: &mut Rng) -> Vec<usize> {
+    let noisy: Vec<f32> = log_probs.iter().map(|p| (f64::from(*p) + gumbel(rng)) as f32).collect();
+    first_k(&noisy, k)
 }
 
 /// The first modes of an order, none ending within `radius` of an earlier one; at most `k`.

@@ -2,7 +2,11 @@
 
 mod key;
 
-use std::{collections::BTreeMap, fmt};
+use std::{
+    collections::{BTreeMap, HashMap},
+    fmt,
+    sync::OnceLock,
+};
 
 use sage_core::{
     metric::{Aggregate, Better, MetricInfo, TwoSamples},
@@ -98,6 +102,18 @@ pub struct Results {
     pub scenes: Vec<String>,
     /// Cells of each scene.
     pub cells: Vec<Vec<Cell>>,
+    /// The first key of the method of each key, once it was asked for.
+    pub methods: MethodOfKeys,
+}
+
+/// Numbers of methods by key. They follow from the keys, so results do not differ by them.
+#[derive(Clone, Debug, Default)]
+pub struct MethodOfKeys(OnceLock<Vec<usize>>);
+
+impl PartialEq for MethodOfKeys {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 /// Heads of the columns of `rows.csv`.
@@ -137,13 +153,27 @@ impl Results {
 
     /// The first key of each method with a subject, in their order.
     pub fn methods(&self, subject: Subject) -> Vec<usize> {
-        let mut found: Vec<usize> = Vec::new();
-        for (k, key) in self.keys.iter().enumerate().filter(|(_, key)| key.subject == subject) {
-            if !found.iter().any(|known| self.keys[*known].is_same_method(key)) {
-                found.push(k);
+        let first = |k: &usize| self.keys[*k].subject == subject && self.method_of(*k) == *k;
+        (0..self.keys.len()).filter(first).collect()
+    }
+
+    /// The first key of the same method as a key.
+    fn method_of(&self, key: usize) -> usize {
+        let methods = self.methods.0.get_or_init(|| {
+            let mut firsts: HashMap<_, Vec<usize>> = HashMap::new();
+            let mut methods = Vec::with_capacity(self.keys.len());
+            for (k, key) in self.keys.iter().enumerate() {
+                let point = key.point.as_ref().map(|point| format!("{point:?}"));
+                let alike = firsts.entry((key.subject, &*key.arm, &*key.attack, point)).or_default();
+                let first = alike.iter().find(|first| self.keys[**first].is_same_method(key)).copied();
+                if first.is_none() {
+                    alike.push(k);
+                }
+                methods.push(first.unwrap_or(k));
             }
-        }
-        found
+            methods
+        });
+        methods[key]
     }
 
     /// The values of a metric for the method of a key: scenes in their order, seeds apart, the checkpoints of a seed
@@ -154,9 +184,9 @@ impl Results {
         let weight = weight.and_then(|name| self.metric(of.subject, name));
         let mut seeds: Vec<Option<u64>> = Vec::new();
         // Number of the seed of each key that belongs to the method.
-        let of_key: Vec<Option<usize>> = (self.keys.iter())
-            .map(|key| {
-                key.is_same_method(of).then(|| {
+        let of_key: Vec<Option<usize>> = (self.keys.iter().enumerate())
+            .map(|(k, key)| {
+                (self.method_of(k) == self.method_of(method)).then(|| {
                     seeds.iter().position(|known| *known == key.training_seed).unwrap_or_else(|| {
                         seeds.push(key.training_seed);
                         seeds.len() - 1
@@ -192,7 +222,7 @@ impl Results {
 
     /// Number of scenes in which the method of a key failed.
     pub fn failure_count(&self, method: usize) -> usize {
-        let is_of = |cell: &Cell| self.keys[cell.key].is_same_method(&self.keys[method]);
+        let is_of = |cell: &Cell| self.method_of(cell.key) == self.method_of(method);
         let failed = |cells: &&Vec<Cell>| cells.iter().any(|cell| is_of(cell) && !cell.error.is_empty());
         self.cells.iter().filter(failed).count()
     }
@@ -286,6 +316,7 @@ mod tests {
             error: String::new(),
         };
         Results {
+            methods: MethodOfKeys::default(),
             study: "example".to_owned(),
             keys: vec![key(1, 10), key(1, 20), key(2, 10), key(2, 20)],
             metrics: BTreeMap::from([(

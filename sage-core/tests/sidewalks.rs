@@ -7,7 +7,7 @@ mod hand_made;
 use hand_made::{car, road, score, with_feature};
 use sage_core::{
     objective::violation::{LATERAL_ACCELERATION, TURNING_CIRCLE},
-    scene::{MapKind, Scene},
+    scene::{EdgesSinceStart, MapKind, Scene},
 };
 
 /// The road whose edges are at ±8 m, without them, with a feature per outline.
@@ -140,10 +140,10 @@ fn an_edge_is_continued_by_one_that_begins_where_it_ends() {
     ] {
         let mut scene = with_sidewalks([0.0, 0.0], [1.0, 0.0], kinds[0], &[&a]);
         scene = with_feature(&scene, "b", MapKind::from_name(kinds[1]), &b);
-        assert_eq!(
-            (scene.map.is_continued(0, 1), scene.map.is_continued(1, 0)),
-            (expected, expected),
-            "{a:?} {b:?}"
-        );
+        for (edge, by) in [(0, 1), (1, 0)] {
+            // What touches an edge from the start may go on to the one that continues it.
+            let found = EdgesSinceStart::new(&[edge]).follow(&[edge, by], &scene.map);
+            assert_eq!(found, (!expected).then_some(by), "{a:?} {b:?}");
+        }
     }
 }

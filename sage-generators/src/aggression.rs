@@ -3,13 +3,13 @@
 //! λ mixes the experts and μ weighs the selection. With μ = λ nearly all attacks appear in the first tenth
 //! of the range, because any contact outweighs a small difference of penalties. An [`Aggression`] maps a in
 //! [0, 1] to the operating point (λ, μ): λ = a, and μ from a table fitted such that the attack rate rises
-//! evenly.
+//! evenly. Where the objective does not depend on μ, the table is of λ, and μ = 1.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 
-/// Table of μ at a = 0, 1/n, … 1.
+/// Table of μ at a = 0, 1/n, … 1, or of λ.
 ///
 /// ```
 /// use sage_generators::Aggression;
@@ -22,9 +22,26 @@ use crate::Error;
 /// # Ok::<(), sage_generators::Error>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
+#[serde(try_from = "Table", into = "Table")]
 pub struct Aggression {
-    mu: Vec<f64>,
+    table: Table,
+}
+
+/// A table as files hold it: of μ, or of λ.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+enum Table {
+    Mu(Vec<f64>),
+    Lambda { lambda: Vec<f64> },
+}
+
+impl Table {
+    fn values(&self) -> (&'static str, &[f64]) {
+        match self {
+            Self::Mu(mu) => ("mu", mu),
+            Self::Lambda { lambda } => ("lambda", lambda),
+        }
+    }
 }
 
 impl Aggression {
@@ -32,15 +49,27 @@ impl Aggression {
     ///
     /// *Errors*: fewer than two, one outside [0, 1], or one smaller than the one before.
     pub fn new(mu: Vec<f64>) -> Result<Self, Error> {
-        if mu.len() < 2 {
-            return fail(format!("a dial of {} values of mu; expected at least 2", mu.len()));
+        Self::of(Table::Mu(mu))
+    }
+
+    /// A table of λ, with μ = 1 everywhere: for objectives that do not depend on μ.
+    ///
+    /// *Errors*: as [`Aggression::new`].
+    pub fn of_lambda(lambda: Vec<f64>) -> Result<Self, Error> {
+        Self::of(Table::Lambda { lambda })
+    }
+
+    fn of(table: Table) -> Result<Self, Error> {
+        let (name, values) = table.values();
+        if values.len() < 2 {
+            return fail(format!("a dial of {} values of {name}; expected at least 2", values.len()));
         }
-        if let Some(bad) = mu.iter().find(|m| !(0.0..=1.0).contains(*m)) {
-            return fail(format!("a dial with mu {bad}; expected 0 to 1"));
+        if let Some(bad) = values.iter().find(|value| !(0.0..=1.0).contains(*value)) {
+            return fail(format!("a dial with {name} {bad}; expected 0 to 1"));
         }
-        match mu.windows(2).find(|pair| pair[1] < pair[0]) {
-            Some(pair) => fail(format!("a dial whose mu falls from {} to {}", pair[0], pair[1])),
-            None => Ok(Self { mu }),
+        match values.windows(2).find(|pair| pair[1] < pair[0]) {
+            Some(pair) => fail(format!("a dial whose {name} falls from {} to {}", pair[0], pair[1])),
+            None => Ok(Self { table }),
         }
     }
 
@@ -60,11 +89,28 @@ impl Aggression {
     /// *Errors*: an aggression outside [0, 1].
     pub fn lambda_and_mu(&self, aggression: f64) -> Result<(f64, f64), Error> {
         Self::check(aggression)?;
-        let last = self.mu.len() - 1;
+        let (_, values) = self.table.values();
+        let last = values.len() - 1;
         let at = aggression * last as f64;
         let k = (at as usize).min(last - 1);
         let share = at - k as f64;
-        Ok((aggression, (1.0 - share) * self.mu[k] + share * self.mu[k + 1]))
+        let value = (1.0 - share) * values[k] + share * values[k + 1];
+        Ok(match self.table {
+            Table::Mu(_) => (aggression, value),
+            Table::Lambda { .. } => (value, 1.0),
+        })
+    }
+
+    /// Fits a table of λ in the same way to the attack rates at λ = 0 to 1, evenly spaced: the rate of an aggression should be on
+    /// the straight line from the first to the last.
+    ///
+    /// *Errors*: fewer than two rates.
+    pub fn fit_lambda(rates: &[f64], steps: usize) -> Result<Self, Error> {
+        let last = rates.len().saturating_sub(1).max(1);
+        let grid: Vec<f64> = (0..rates.len()).map(|k| k as f64 / last as f64).collect();
+        // The rates do not depend on the step, only on the value that is chosen for it.
+        let fitted = Self::fit(&grid, &vec![rates.to_vec(); steps])?;
+        Self::of_lambda(fitted.table.values().1.to_vec())
     }
 
     /// Fits the table in least squares: the attack rate should follow a straight line from its first to its
@@ -119,17 +165,17 @@ fn fail<T>(problem: String) -> Result<T, Error> {
     Err(Error::Dial { problem })
 }
 
-impl TryFrom<Vec<f64>> for Aggression {
+impl TryFrom<Table> for Aggression {
     type Error = Error;
 
-    fn try_from(mu: Vec<f64>) -> Result<Self, Error> {
-        Self::new(mu)
+    fn try_from(table: Table) -> Result<Self, Error> {
+        Self::of(table)
     }
 }
 
-impl From<Aggression> for Vec<f64> {
+impl From<Aggression> for Table {
     fn from(dial: Aggression) -> Self {
-        dial.mu
+        dial.table
     }
 }
 
@@ -168,8 +214,26 @@ mod tests {
     fn a_rate_that_falls_with_mu_still_gives_a_rising_table() {
         let grid = [0.0, 0.1, 0.5, 1.0];
         let rates = vec![vec![0.0, 0.8, 0.4, 1.0], vec![0.0, 0.9, 0.5, 1.0], vec![0.0, 0.5, 0.6, 1.0]];
-        let mu: Vec<f64> = Aggression::fit(&grid, &rates).unwrap().into();
-        assert_eq!(mu, [0.0, 0.5, 1.0]);
+        let fitted = Aggression::fit(&grid, &rates).unwrap();
+        assert_eq!(fitted.table, Table::Mu(vec![0.0, 0.5, 1.0]));
+    }
+
+    #[test]
+    fn a_table_of_lambda_follows_a_curved_rate_and_is_kept_in_files() {
+        // The rate is that of λ squared, so λ is the root of the aggression.
+        let rates: Vec<f64> = (0..=100).map(|k| (f64::from(k) / 100.0).powi(2)).collect();
+        let dial = Aggression::fit_lambda(&rates, 11).unwrap();
+        for k in 0..=10 {
+            let a = f64::from(k) / 10.0;
+            let (lambda, mu) = dial.lambda_and_mu(a).unwrap();
+            assert!((lambda - a.sqrt()).abs() < 0.006 && mu == 1.0, "{a}: {lambda}");
+        }
+        let text = serde_json::to_string(&dial).unwrap();
+        assert!(text.starts_with(r#"{"lambda":[0.0,"#), "{text}");
+        assert_eq!(serde_json::from_str::<Aggression>(&text).unwrap(), dial);
+        assert_eq!(serde_json::to_string(&Aggression::new(vec![0.0, 1.0]).unwrap()).unwrap(), "[0.0,1.0]");
+        assert!(Aggression::fit_lambda(&[0.5], 11).is_err());
+        assert!(serde_json::from_str::<Aggression>(r#"{"lambda":[0.5,0.2]}"#).is_err());
     }
 
     #[test]

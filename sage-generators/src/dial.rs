@@ -6,11 +6,11 @@
 use std::collections::BTreeMap;
 
 use sage_backbones::weights::Weights;
-use sage_core::objective::ObjectiveSpec;
+use sage_core::{objective::ObjectiveSpec, registry::Entry as _};
 use sage_merging::{ADVERSARIAL, ExpertSet, REALISTIC};
 use serde::{Deserialize, Serialize};
 
-use crate::{Aggression, Error};
+use crate::{Aggression, Error, proposers::MixedExperts};
 
 /// File of the dials in a folder of weights.
 pub const DIAL_FILE: &str = "dial.json";
@@ -47,8 +47,11 @@ impl Rate {
 /// A dial with the data of its fit.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FittedDial {
-    /// μ at evenly spaced aggressions.
+    /// μ at evenly spaced aggressions, or λ for an objective that does not depend on μ.
     pub mu: Aggression,
+    /// The generator whose candidates were selected in the fit.
+    #[serde(default = "sage")]
+    pub generator: String,
     /// Hashes of the realistic and the adversarial expert.
     pub experts: [String; 2],
     /// The merger used in the fit.
@@ -63,6 +66,10 @@ pub struct FittedDial {
     pub data: String,
     /// The command of the fit.
     pub command: String,
+}
+
+fn sage() -> String {
+    MixedExperts::NAME.to_owned()
 }
 
 impl FittedDial {

@@ -82,6 +82,12 @@ pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
             "SAGE (ICLR 2026), candidates as in the published code",
             &ProposalOptions::published(),
         )?
+        .with_preset::<MixedExperts>(
+            "sage-drawn",
+            "experts mixed at lambda, the best of 4 candidates drawn by their probability: lambda decides",
+            "this project: the effect of the experts beside that of the selection",
+            &ProposalOptions::few_drawn(),
+        )?
         .with::<Prior>()?
         .with::<MostLikely>()?
         .with::<RandomGoals>()?

@@ -165,6 +165,51 @@ fn published_candidates_are_the_likeliest_goals_in_their_order() {
 }
 
 #[test]
+fn few_drawn_candidates_follow_the_distribution_of_the_mixture() {
+    let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
+    let inputs = inputs("natural-adversarial");
+    let observation = Observation::at(&scene, &SceneIndex::new(scene.map.clone()), NOW).unwrap();
+    let options = |candidates| ProposalOptions {
+        candidates: Some(candidates),
+        drivable: false,
+        ..ProposalOptions::few_drawn()
+    };
+    let prepared = |options| MixedExperts(options).proposer(&inputs).unwrap().prepare(&observation).unwrap();
+    let at = |lambda: f64| OperatingPoint::at(lambda, 1.0).mixture;
+    let one = prepared(options(1));
+    // The mean log-probability of a draw is minus the entropy of the distribution.
+    let experts = inputs.experts.clone().unwrap();
+    let adversary = scene.adversary_index().unwrap();
+    let features =
+        features_with_forecast(&**experts.prior(), &observation, adversary, Subsampling::default()).unwrap();
+    let encoding = experts.prior().encode(Arc::new(features)).unwrap();
+    for (lambda, name) in [(0.0, "realistic"), (1.0, "adversarial")] {
+        let weights = experts.experts().iter().find(|(known, _)| &**known == name).unwrap();
+        let model = experts.model(weights.1.clone()).unwrap();
+        let log_probs: Vec<f32> = finite(&model.log_probs(&encoding).unwrap()).unwrap();
+        let expected: f64 = log_probs.iter().map(|p| f64::from(p.exp()) * f64::from(*p)).sum();
+        let found: Vec<f64> =
+            (0..400).map(|seed| one.propose(&at(lambda), seed).unwrap()[0].log_prob.unwrap()).collect();
+        let mean = found.iter().sum::<f64>() / 400.0;
+        let deviation = (found.iter().map(|p| (p - mean).powi(2)).sum::<f64>() / 400.0).sqrt();
+        assert!((mean - expected).abs() < 4.0 * deviation / 20.0, "{name}: {mean} for {expected}");
+    }
+    // The first of four draws is the one draw of the same seed; a draw is repeated by its seed.
+    let four = prepared(options(4));
+    let points = |proposals: &[Proposal], k: usize| proposals[k].trajectory.points().to_vec();
+    for seed in 0..5 {
+        let drawn = four.propose(&at(0.5), seed).unwrap();
+        assert_eq!(drawn.len(), 4);
+        assert_eq!(points(&drawn, 0), points(&one.propose(&at(0.5), seed).unwrap(), 0));
+        assert_eq!(points(&drawn, 3), points(&four.propose(&at(0.5), seed).unwrap(), 3));
+    }
+    let retimed = ProposalOptions { retime: true, ..ProposalOptions::few_drawn() };
+    let text = serde_json::to_value(retimed).unwrap();
+    let error = generators().unwrap().build("sage", &text).err().unwrap().to_string();
+    assert!(error.contains("`retime`"), "{error}");
+}
+
+#[test]
 fn missing_inputs_are_named() {
     let none = GeneratorInputs { experts: None, ..inputs("natural") };
     let registry = generators().unwrap();

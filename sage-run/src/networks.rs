@@ -27,7 +27,7 @@ pub fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<Exp
 /// *Errors*: no dial was fitted, or it was fitted for other experts.
 pub fn load_dial(name: &str, experts: &ExpertSet, selection: &Selection, merger: &str) -> Result<Aggression> {
     let dial = dial::find(name, experts, selection)?;
-    if let Some(note) = dial::note_on_merger(&dial, merger) {
+    if let Some(note) = dial::note_on_use(&dial, merger, None) {
         progress::say(&format!("warning: {note}"));
     }
     Ok(dial.mu)

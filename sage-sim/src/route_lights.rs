@@ -7,6 +7,8 @@
 //! light's stop point, or at the start of the lane where none is recorded. Lights of lanes that are not in the
 //! map, and of bike lanes, are left out.
 
+use std::collections::HashMap;
+
 use sage_core::{
     geometry::{Point, distance, dot, norm, sub},
     scene::{LightState, MapFeature, Scene},
@@ -27,6 +29,9 @@ const MOST_SAMPLES: f64 = 1000.0;
 const LEAST_SHARE: f64 = 0.5;
 /// Stop points closer than this along the route are one place, metres.
 const ONE_PLACE: f64 = 5.0;
+/// Most lights of a route: a crowded junction has twenty.
+const MOST: usize = 256;
+
 /// A place on a route at which a light makes a car stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StopPlace {
@@ -45,6 +50,7 @@ pub struct RouteLights {
 impl RouteLights {
     /// The lights of a scene that are on a route.
     pub fn new(scene: &Scene, route: &Route) -> Self {
+        let mut shares: HashMap<&str, Option<f64>> = HashMap::new();
         let found = |(light, lane): (usize, &MapFeature)| {
             let points = scene.map.points_of(lane);
             let stop = scene.lights[light].stop_point.or_else(|| points.first().copied())?;
@@ -52,16 +58,22 @@ impl RouteLights {
             if place.across.abs() > STOP_REACH {
                 return None;
             }
-            let share = used_share(points, route)?;
+            let lane = scene.lights[light].lane.as_str();
+            let share = (*shares.entry(lane).or_insert_with(|| used_share(points, route)))?;
             (share >= LEAST_SHARE).then_some((share, StopPlace { light, along: place.along }))
+        };
+        // The first of an id.
+        let by_id: HashMap<&str, &MapFeature> = match scene.lights.is_empty() {
+            true => HashMap::new(),
+            false => scene.map.features.iter().rev().map(|feature| (feature.id.as_str(), feature)).collect(),
         };
         let lane_of = |light: usize| {
             let id = &scene.lights[light].lane;
-            let lane = scene.map.features.iter().find(|feature| feature.id == *id)?;
+            let lane = *by_id.get(id.as_str())?;
             lane.kind.is_motor_lane().then_some((light, lane))
         };
         let mut all: Vec<(f64, StopPlace)> =
-            (0..scene.lights.len()).filter_map(lane_of).filter_map(found).collect();
+            (0..scene.lights.len()).filter_map(lane_of).filter_map(found).take(MOST).collect();
         all.sort_by(|(_, a), (_, b)| a.along.total_cmp(&b.along).then(a.light.cmp(&b.light)));
         let is_best = |(share, stop): &&(f64, StopPlace)| {
             let beats = |(other, at): &(f64, StopPlace)| {

@@ -9,7 +9,9 @@ use advsage::{Registries, generators::Generators, selection::Selection};
 use anyhow::{Context as _, Result, ensure};
 use sage_bench::curve::Linearity;
 use sage_core::objective::PartSpec;
-use sage_generators::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
+use sage_generators::{
+    DIAL_FILE, Dials, FittedDial, GeneratorInputs, Rate, hashes, proposers::ProposalOptions,
+};
 use sage_run::{
     Outcome, networks,
     output::{self, OutputFile},
@@ -17,11 +19,24 @@ use sage_run::{
     scenes::Scenes,
 };
 
-use self::attack_grid::AttackGrid;
+use self::attack_grid::{AttackGrid, Fitted};
 use crate::cli::CalibrateArgs;
 
 /// Number of aggressions at which a dial is evaluated.
 const AGGRESSIONS: usize = 11;
+
+/// Number of λ from which a dial of λ is fitted.
+const LAMBDAS: usize = 41;
+/// Whether a dial is of μ; one that is not is of λ.
+const BY_MU: [bool; 2] = [true, false];
+/// The generators whose candidates are selected in a fit.
+const SAGE: &str = "sage";
+const SAGE_DRAWN: &str = "sage-drawn";
+
+/// Values of λ from 0 to 1, evenly spaced.
+fn fine() -> Vec<f64> {
+    (0..LAMBDAS).map(|k| k as f64 / (LAMBDAS - 1) as f64).collect()
+}
 
 /// Evenly spaced values from 0 to 1.
 pub(crate) fn aggressions() -> Vec<f64> {
@@ -39,17 +54,19 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let scenes = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?.attackable()?;
     let mut dials = Dials::default();
-    let mut progress = Progress::new("evaluated", scenes.len());
+    let kinds = BY_MU
+        .into_iter()
+        .filter(|by_mu| selections.iter().any(|s| s.objective.spec().depends_on_mu() == *by_mu));
+    let mut progress = Progress::new("evaluated", scenes.len() * kinds.count());
     let all = aggressions();
     let generators = generators.with_experts(&experts);
-    let objectives: Vec<_> = selections.iter().map(|s| Arc::new(s.objective.clone())).collect();
-    let step = || progress.step();
-    let grids = AttackGrid::of(&scenes, generators.inputs(), &objectives, &all, args.seed, step)?;
-    for (selection, grid) in selections.iter().zip(grids) {
-        let is_papers = selection.objective.spec().feasibility.name == PartSpec::default().name;
-        let by_rule = if is_papers { Rate::Attack } else { Rate::Believable };
+    let fitted = evaluated(&selections, &scenes, generators.inputs(), args.seed, &mut progress)?;
+    for (selection, grid) in fitted {
+        let spec = selection.objective.spec();
+        let by_rule =
+            if spec.feasibility.name == PartSpec::default().name { Rate::Attack } else { Rate::Believable };
         let rate = args.rate.map_or(by_rule, Rate::from);
-        let mu = grid.fit(rate)?;
+        let mu = grid.fit(rate, AGGRESSIONS)?;
         let at = |a: &f64| -> Result<_> {
             let (lambda, mu) = mu.lambda_and_mu(*a)?;
             grid.attacks(lambda, mu).context("an aggression was not evaluated")
@@ -69,11 +86,13 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
             progress
                 .say("warning: the rate does not rise between aggression 0 and 1, so the dial has no effect");
         }
+        let generator = if spec.depends_on_mu() { SAGE } else { SAGE_DRAWN }.to_owned();
         let fitted = FittedDial {
             mu,
+            generator,
             experts: hashes(&experts)?,
             merger: args.merging.merger.to_string(),
-            objective: selection.objective.spec().clone(),
+            objective: spec.clone(),
             rate,
             rates: attacks.iter().map(|a| (a.rate(rate) * 1e4).round() / 1e4).collect(),
             data: scenes.describe(),
@@ -89,4 +108,34 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
         args.out.display()
     ));
     Ok(scenes.outcome())
+}
+
+/// The selections with their evaluated candidates: first those that depend on μ.
+///
+/// *Errors*: the first scene that fails.
+fn evaluated<'s>(
+    selections: &'s [Selection],
+    scenes: &Scenes,
+    inputs: &GeneratorInputs,
+    seed: u64,
+    progress: &mut Progress,
+) -> Result<Vec<(&'s Selection, AttackGrid)>> {
+    let mut all = Vec::with_capacity(selections.len());
+    for by_mu in BY_MU {
+        let of = |selection: &&Selection| selection.objective.spec().depends_on_mu() == by_mu;
+        let selections: Vec<&Selection> = selections.iter().filter(of).collect();
+        if selections.is_empty() {
+            continue;
+        }
+        let objectives = selections.iter().map(|s| Arc::new(s.objective.clone())).collect();
+        let fitted = match by_mu {
+            true => Fitted { objectives, lambdas: aggressions(), proposals: ProposalOptions::default() },
+            // λ alone steers, so more of its values are tried, and few candidates let it.
+            false => Fitted { objectives, lambdas: fine(), proposals: ProposalOptions::few_drawn() },
+        };
+        all.extend(
+            selections.into_iter().zip(AttackGrid::of(scenes, inputs, &fitted, seed, || progress.step())?),
+        );
+    }
+    Ok(all)
 }

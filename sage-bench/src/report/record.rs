@@ -47,6 +47,7 @@ pub fn rows_csv(results: &Results) -> String {
 /// *Errors*: a row that is none of the record's, with its number.
 pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
     let mut results = Results {
+        methods: Default::default(),
         study: record.study.study.clone(),
         keys: record.keys.clone(),
         metrics: record.metrics.clone(),

@@ -181,12 +181,26 @@ impl SegmentIndex {
 
     /// The nearest accepted point within `reach` metres of `p`; ties go to the earlier segment.
     pub fn nearest(&self, p: Point, reach: f64, accept: impl Fn(&Segment) -> bool) -> Option<Nearest> {
+        self.nearest_of(p, reach, accept, |_| true)
+    }
+
+    /// The same, as long as `may_look` says so of the number of segments that are looked at next; `None` from then on.
+    pub fn nearest_of(
+        &self,
+        p: Point,
+        reach: f64,
+        accept: impl Fn(&Segment) -> bool,
+        mut may_look: impl FnMut(usize) -> bool,
+    ) -> Option<Nearest> {
         let mut radius = reach.min(2.0);
         loop {
             // Squared until the end: most segments in the radius are not the nearest.
             let mut least = radius * radius;
             let mut best: Option<(usize, f64)> = None;
             for run in self.near(&Aabb::around(p, radius)) {
+                if !may_look(run.len()) {
+                    return None;
+                }
                 for segment in run {
                     let candidate = &self.segments[segment];
                     let share = candidate.nearest_share(p);

@@ -61,6 +61,13 @@ pub struct TermSpec {
     pub only_feasible: bool,
 }
 
+impl ObjectiveSpec {
+    /// Whether μ changes what it selects.
+    pub fn depends_on_mu(&self) -> bool {
+        self.terms.iter().any(|term| !term.weight.is_constant())
+    }
+}
+
 impl TermSpec {
     /// Whether another term has the same value for every candidate, regardless of its weight.
     pub(super) fn measures_as(&self, other: &Self) -> bool {
@@ -120,6 +127,11 @@ impl Weight {
             Self::Constant(weight) => weight,
             Self::Linear { mu0, mu1 } => (1.0 - mu) * mu0 + mu * mu1,
         }
+    }
+
+    /// Whether it is the same at every μ.
+    pub fn is_constant(self) -> bool {
+        self.at(0.0) == self.at(1.0)
     }
 
     /// The value at μ = 0 or 1 that is beyond ±[`MAX_WEIGHT`] or no number, if there is one.

@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use crate::geometry::{Point, distance};
-
 /// Largest distance between the end of an edge and the edge that continues it, metres.
 pub(super) const JOINED: f64 = 1.0;
 
@@ -197,26 +195,6 @@ impl Map {
         feature.kind.is_sidewalk()
             && points.len() >= FEWEST_OF_OUTLINE
             && points.first().map(plane) == points.last().map(plane)
-    }
-
-    /// Whether an edge continues another one: two lines whose ends meet within a metre, or two sidewalks whose
-    /// outlines do. Both must be boundaries, or both medians.
-    pub fn is_continued(&self, edge: usize, by: usize) -> bool {
-        let [a, b] = [edge, by].map(|k| &self.features[k]);
-        let ends = |feature: &MapFeature| -> Vec<Point> {
-            let points = self.points_of(feature);
-            let [first, last] = [points.first(), points.last()];
-            let all = if self.is_sidewalk_area(feature) {
-                points.iter().collect::<Vec<_>>()
-            } else {
-                [first, last].into_iter().flatten().collect()
-            };
-            all.into_iter().map(|p| [p[0], p[1]]).collect()
-        };
-        let others = ends(b);
-        a.kind.is_boundary() == b.kind.is_boundary()
-            && self.is_sidewalk_area(a) == self.is_sidewalk_area(b)
-            && ends(a).iter().any(|p| others.iter().any(|q| distance(*p, *q) <= JOINED))
     }
 
     /// Whether the map has an edge of any kind. Without one, nothing says where the road ends.

@@ -15,7 +15,7 @@ const NEAR: f64 = 0.1;
 /// Shortest edge that is kept, metres.
 const SHORTEST: f64 = 0.5;
 /// Most pairs of a side of an outline and a side of a lane in whose surroundings it is: about two seconds of work.
-const MOST_PAIRS: usize = 100_000_000;
+const MOST_PAIRS: usize = 50_000_000;
 
 /// The edges of a map: polylines with the road on their left. `None` if there are more than [`MOST_PAIRS`].
 pub(super) fn edges(areas: &[Vec<Point>], motor_lanes: &[Vec<Point>]) -> Option<Vec<Vec<Point>>> {

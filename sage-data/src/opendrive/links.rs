@@ -15,6 +15,8 @@ const ROOM: f64 = 0.02;
 
 /// Most lanes that are left out between two that are linked.
 const MOST_PASSED: usize = 64;
+/// Most exits that are looked at behind a lane.
+const MOST_EXITS: usize = 4096;
 
 /// A link from one lane to the next, as indices of written lanes.
 pub(super) type Link = [usize; 2];
@@ -89,7 +91,12 @@ fn followers(map: &Map, exits: &[usize], written: &HashMap<usize, usize>) -> Vec
     let mut found = Vec::new();
     let mut passed = HashSet::new();
     let mut next: Vec<(usize, bool)> = exits.iter().rev().map(|exit| (*exit, true)).collect();
+    let mut exits_seen = 0;
     while let Some((feature, is_direct)) = next.pop() {
+        exits_seen += 1;
+        if exits_seen > MOST_EXITS {
+            break;
+        }
         if let Some(lane) = written.get(&feature) {
             found.push((*lane, is_direct));
         } else if passed.insert(feature) && passed.len() <= MOST_PASSED {

@@ -50,13 +50,20 @@ pub(super) fn leave_out(scene: &mut Scene) {
             add(x, y, track.ground(frame));
         }
     }
+    heights.values_mut().for_each(|all| all.sort_by(f64::total_cmp));
+    // The height nearest to one of a cell, in order.
+    let nearest = |all: &[f64], z: f64| {
+        let k = all.partition_point(|height| *height < z);
+        let beside = [k.checked_sub(1), Some(k)].into_iter().flatten().filter_map(|k| all.get(k)).copied();
+        beside.min_by(|a, b| (a - z).abs().total_cmp(&(b - z).abs()))
+    };
     let (mut is_beside, mut is_level) = (false, false);
     for [x, y, z] in points() {
         let [i, j] = cell(*x, *y);
         let near = (i - 1..=i + 1).flat_map(|i| (j - 1..=j + 1).map(move |j| [i, j]));
-        for height in near.filter_map(|cell| heights.get(&cell)).flatten() {
+        for height in near.filter_map(|cell| nearest(heights.get(&cell)?, *z)) {
             is_beside = true;
-            is_level |= is_one_level(*z, *height);
+            is_level |= is_one_level(*z, height);
         }
         if is_level {
             return;

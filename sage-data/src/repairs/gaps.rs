@@ -18,14 +18,17 @@ const NAMED: usize = 5;
 /// Holds road users other than the ego through gaps at whose ends they are in the same place.
 pub(super) fn hold(scene: &mut Scene) {
     let mut held: Vec<String> = Vec::new();
+    let mut is_held = vec![false; scene.tracks.len()];
+    scene.held.iter().for_each(|held| is_held[held.track] = true);
     for k in (0..scene.tracks.len()).filter(|k| *k != scene.ego) {
         let mut gaps = standing_gaps(&scene.tracks[k]);
-        gaps.retain(|gap| is_place_free(scene, k, *gap));
+        gaps.retain(|gap| is_place_free(scene, &is_held, k, *gap));
         if !gaps.is_empty() {
             let track = &mut scene.tracks[k];
             held.push(format!("`{}`", track.id.escape_debug()));
             let held = gaps.into_iter().map(|[last, next]| Held::between(k, track, last, next));
             scene.held.extend(held);
+            is_held[k] = true;
         }
     }
     let more = match held.len().saturating_sub(NAMED) {
@@ -59,8 +62,9 @@ fn standing_gaps(track: &Track) -> Vec<[usize; 2]> {
     pairs.filter(|[last, next]| next - last > 1 && is_standing(*last, *next)).collect()
 }
 
-/// Whether nobody else is recorded in the place of a road user during a gap: else it was not there, or has another id.
-fn is_place_free(scene: &Scene, k: usize, [last, next]: [usize; 2]) -> bool {
+/// Whether nobody else who is not held is recorded in the place of a road user during a gap: else it was not there, or has another
+/// id.
+fn is_place_free(scene: &Scene, is_held: &[bool], k: usize, [last, next]: [usize; 2]) -> bool {
     let area = scene.tracks[k].oriented_box(last);
     let is_in_place = |other: &Track| {
         (last + 1..next).filter(|frame| other.valid[*frame]).any(|frame| {
@@ -70,7 +74,6 @@ fn is_place_free(scene: &Scene, k: usize, [last, next]: [usize; 2]) -> bool {
                 && area.overlap_depth(&other.oriented_box(frame)) > TOUCHING
         })
     };
-    let is_held = |other: usize| scene.held.iter().any(|held| held.track == other);
-    let mut others = scene.tracks.iter().enumerate().filter(|(other, _)| *other != k && !is_held(*other));
+    let mut others = scene.tracks.iter().enumerate().filter(|(other, _)| *other != k && !is_held[*other]);
     !others.any(|(_, other)| is_in_place(other))
 }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use sage_backbones::{
     Backbone, MotionModel,
     backbone::{finite, trajectories_in_world},
-    candidates::{Sampling, select},
+    candidates::{Sampling, drawn, select},
     candle::{Device, Tensor},
     encoding::Encoding,
     features::{FORECAST_STEPS, STRIDE},
@@ -39,6 +39,9 @@ use crate::{
 /// Log-prior of a retimed speed profile.
 const RETIMED_LOG_PRIOR: f32 = -1.5;
 
+/// Modes that are drawn for each candidate.
+const DRAWN_PER_CANDIDATE: usize = 8;
+
 /// Most polylines of a map that the features hold.
 const MOST_POLYLINES: usize = 128;
 
@@ -54,6 +57,8 @@ pub struct ProposalOptions {
     pub retime: bool,
     /// Whether candidates that no car can follow come last.
     pub drivable: bool,
+    /// Whether candidates are drawn by their probability, in place of the likeliest; `apart` is not read then.
+    pub drawn: bool,
     /// Map and goal subsampling.
     pub subsampling: Subsampling,
 }
@@ -65,6 +70,7 @@ impl Default for ProposalOptions {
             apart: 6.0,
             retime: true,
             drivable: true,
+            drawn: false,
             subsampling: Subsampling::default(),
         }
     }
@@ -78,6 +84,7 @@ impl ProposalOptions {
             apart: 0.0,
             retime: false,
             drivable: false,
+            drawn: false,
             // All that the features hold.
             subsampling: Subsampling {
                 max_polylines: MOST_POLYLINES,
@@ -88,10 +95,18 @@ impl ProposalOptions {
         }
     }
 
+    /// The options of `sage-drawn`: few candidates, drawn by their probability.
+    pub fn few_drawn() -> Self {
+        Self { candidates: Some(4), apart: 0.0, retime: false, drawn: true, ..Self::default() }
+    }
+
     fn checked(self) -> Result<Self, String> {
         check_candidates(self.candidates)?;
         if !(0.0..=100.0).contains(&self.apart) {
             return Err(format!("`apart` is {}; expected 0 to 100 metres", self.apart));
+        }
+        if self.drawn && self.retime {
+            return Err("`drawn` candidates are not retimed, which would change their probability: set `retime` to false".to_owned());
         }
         self.subsampling.check().map_err(|error| format!("`subsampling`: {error}"))?;
         Ok(self)
@@ -210,7 +225,11 @@ impl Encoded {
         let policy: Vec<f32> = finite(&log_probs)?;
         let nms = Sampling::Nms { radius: options.apart };
         let draw = Draw::of(options.candidates, encoding.features().edge_kinds);
-        let modes = select(&policy, &ends, draw.modes, nms, &mut rng);
+        let modes = match options.drawn {
+            // Those that no car can follow are passed over, so more are drawn.
+            true => drawn(&policy, DRAWN_PER_CANDIDATE * draw.candidates, &mut rng),
+            false => select(&policy, &ends, draw.modes, nms, &mut rng),
+        };
         let trajectories =
             trajectories_in_world(&model.trajectories(encoding, &modes)?, encoding.features())?;
         let origin = encoding.features().frame.origin();
@@ -223,7 +242,7 @@ impl Encoded {
         if options.retime {
             self.score_retimed(&*model, &mut retimed, &log_probs, profiles, &trajectories)?;
         }
-        let retimed = self.apart(retimed, draw.modes);
+        let retimed = if options.drawn { retimed } else { self.apart(retimed, draw.modes) };
         let retimed_trajectories =
             retimed.iter().map(|p| profiles[p.profile].whole(&trajectories[p.trajectory]));
         let edges = encoding.features().edge_kinds.of(self.now.index());

@@ -38,6 +38,8 @@ use reaction::{Reaction, Seen, ramp};
 const REACH: f64 = 100.0;
 /// Bodies that overlap by less sideways pass each other, metres.
 const TOLERANCE: f64 = 0.1;
+/// Most segments of lanes that are looked at in a drive: twenty times what a crowded junction takes.
+const MOST_LOOKED: usize = 30_000_000;
 /// Largest distance of the lane that a road user follows, metres.
 const LANE_REACH: f64 = 3.0;
 /// Cosine of the largest angle to the route of those that can come in.
@@ -99,7 +101,7 @@ impl EgoPolicy for R157 {
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         let R157Options { reading, aeb, following } = self.0.clone();
         let following = IdmDriver::new(following);
-        Ok(Box::new(R157Driver { reading, aeb, following, known: BTreeMap::new(), leader: None }))
+        Ok(Box::new(R157Driver { reading, aeb, following, known: BTreeMap::new(), leader: None, looked: 0 }))
     }
 }
 
@@ -112,6 +114,8 @@ struct R157Driver {
     known: BTreeMap<usize, Known>,
     /// Track of the nearest road user in the path at the step before.
     leader: Option<usize>,
+    /// Segments of lanes that were looked at.
+    looked: usize,
 }
 
 /// What the driver remembers of a road user.
@@ -208,7 +212,8 @@ impl R157Driver {
         }
         let known = self.known.get(&body.track).copied();
         let mut line = known.map_or_else(|| Line::of(body, view.index(), center.across), |known| known.line);
-        let deviation = line.deviation(body.area.center, center.across, route, view.index());
+        let deviation =
+            line.deviation(body.area.center, center.across, route, view.index(), &mut self.looked);
         let seen = Seen {
             deviation,
             is_inside,
@@ -256,7 +261,16 @@ impl Line {
     }
 
     /// How far a road user at a place is off its line towards the route, metres.
-    fn deviation(&mut self, place: Point, across: f64, route: &Route, index: &SceneIndex) -> f64 {
+    ///
+    /// `looked` counts the segments of lanes that were looked at; beyond [`MOST_LOOKED`] everybody is taken to keep to the line.
+    fn deviation(
+        &mut self,
+        place: Point,
+        across: f64,
+        route: &Route,
+        index: &SceneIndex,
+        looked: &mut usize,
+    ) -> f64 {
         let lane = match *self {
             Self::Start(start) => return start.abs() - across.abs(),
             Self::Lane(lane) => lane,
@@ -267,7 +281,11 @@ impl Line {
             let feature = segment.feature as usize;
             feature == lane || exits.contains(&feature)
         };
-        let Some(nearest) = lanes.nearest(place, REACH, follows) else { return 0.0 };
+        let may_look = |count: usize| {
+            *looked += count;
+            *looked <= MOST_LOOKED
+        };
+        let Some(nearest) = lanes.nearest_of(place, REACH, follows, may_look) else { return 0.0 };
         let segment = &lanes.segments()[nearest.segment];
         *self = Self::Lane(segment.feature as usize);
         let on_line = route.locate(segment.at(segment.nearest_share(place)), Localization::Nearest);

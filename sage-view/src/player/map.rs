@@ -78,12 +78,16 @@ pub fn parts_inside(points: &[Point], area: &Aabb) -> Vec<Vec<Point>> {
     parts
 }
 
+/// Points of a line that are simplified together: the worst case is quadratic in them.
+const CHUNK: usize = 2048;
+
 /// A line with fewer points, none of the others farther than `error` from it (Ramer, Douglas and Peucker).
 pub fn simplified(points: &[Point], error: f64) -> Vec<Point> {
     let mut keeps = vec![false; points.len()];
-    let mut spans = vec![(0, points.len() - 1)];
-    (keeps[0], keeps[points.len() - 1]) = (true, true);
+    let end = points.len() - 1;
+    let mut spans: Vec<_> = (0..=end).step_by(CHUNK).map(|first| (first, (first + CHUNK).min(end))).collect();
     while let Some((first, last)) = spans.pop() {
+        (keeps[first], keeps[last]) = (true, true);
         let gaps = (first + 1..last).map(|k| (distance_to(points[k], points[first], points[last]), k));
         let Some((gap, k)) = gaps.max_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
         if gap > error {

@@ -11,8 +11,19 @@ use sage_core::{
     scene::SceneData,
     statistics,
 };
-use sage_generators::{Aggression, GeneratorInputs, Rate, proposers::MixedExperts, selector::best_of};
+use sage_generators::{
+    Aggression, GeneratorInputs, Rate,
+    proposers::{MixedExperts, ProposalOptions},
+    selector::best_of,
+};
 use sage_run::scenes::Scenes;
+
+/// What dials are fitted for: objectives, and the λ and the candidates at which they are evaluated.
+pub(crate) struct Fitted {
+    pub objectives: Vec<Arc<Objective>>,
+    pub lambdas: Vec<f64>,
+    pub proposals: ProposalOptions,
+}
 
 /// Evaluated candidates of every scene at several λ.
 pub(crate) struct AttackGrid {
@@ -53,22 +64,22 @@ impl Attacks {
 }
 
 impl AttackGrid {
-    /// Evaluates SAGE's candidates of all scenes at several λ with several objectives, one grid for each
+    /// Evaluates candidates of all scenes at several λ with several objectives, one grid for each
     /// objective. The candidates do not depend on the objectives. Calls `done` after each scene.
     ///
     /// *Errors*: the first scene that fails.
     pub(crate) fn of(
         scenes: &Scenes,
         inputs: &GeneratorInputs,
-        objectives: &[Arc<Objective>],
-        lambdas: &[f64],
+        fitted: &Fitted,
         seed: u64,
         done: impl FnMut(),
     ) -> Result<Vec<Self>> {
+        let Fitted { objectives, lambdas, proposals } = fitted;
         // If any objective needs the prior's likelihood, the proposer must compute it.
         let needs_prior = objectives.iter().find(|objective| objective.needs_prior());
         let selection = needs_prior.unwrap_or(&inputs.selection).clone();
-        let proposer = MixedExperts::default().proposer(&GeneratorInputs { selection, ..inputs.clone() })?;
+        let proposer = MixedExperts(*proposals).proposer(&GeneratorInputs { selection, ..inputs.clone() })?;
         let experts = inputs.experts("sage")?;
         let mixtures =
             lambdas.iter().map(|lambda| experts.between(*lambda)).collect::<Result<Vec<_>, _>>()?;
@@ -90,7 +101,7 @@ impl AttackGrid {
         };
         let mut scenes = scenes.map(one, done)?;
         let of_objective = |(k, objective): (usize, &Arc<Objective>)| Self {
-            lambdas: lambdas.to_vec(),
+            lambdas: lambdas.clone(),
             objective: objective.clone(),
             evaluations: scenes.iter_mut().map(|scene| std::mem::take(&mut scene.by_objective[k])).collect(),
             believable: scenes.iter().map(|scene| scene.believable.clone()).collect(),
@@ -111,10 +122,16 @@ impl AttackGrid {
         Some(attacks)
     }
 
-    /// Fits the dial for these scenes: the rate rises linearly. The λ must be evenly spaced.
+    /// Fits the dial for these scenes: the rate rises linearly over `steps` aggressions. The λ must be evenly spaced; if the
+    /// objective depends on μ, they are the aggressions.
     ///
     /// *Errors*: fewer than two λ.
-    pub fn fit(&self, rate: Rate) -> Result<Aggression> {
+    pub fn fit(&self, rate: Rate, steps: usize) -> Result<Aggression> {
+        if !self.objective.spec().depends_on_mu() {
+            let at = |lambda: &f64| self.attacks(*lambda, 1.0).map_or(0.0, |attacks| attacks.rate(rate));
+            let rates: Vec<f64> = self.lambdas.iter().map(at).collect();
+            return Ok(Aggression::fit_lambda(&rates, steps)?);
+        }
         let grid = mu_grid();
         let at = |lambda: f64, mu: f64| self.attacks(lambda, mu).map_or(0.0, |attacks| attacks.rate(rate));
         let rates: Vec<Vec<f64>> =

@@ -108,7 +108,7 @@ fn the_documented_planner_works_in_all_commands() {
         &["simulate", "scenes", "--ego", PLANNER, "--method", "rule", "--out", "attacked"],
     );
     assert_eq!(other.status.code(), Some(1));
-    assert!(stderr(&other).contains("its `ego` differs"), "{}", stderr(&other));
+    assert!(stderr(&other).contains("`planner.py` has changed since"), "{}", stderr(&other));
 }
 
 #[test]

@@ -270,7 +270,7 @@ impl SceneRow {
     /// That the driver has a contact without any attack, and when.
     pub fn contact_without_attack(&self) -> Option<String> {
         let step = self.unattacked_contact?;
-        Some(format!("without an attack this driver has a contact after {:.1} s", step as f64 / 10.0))
+        Some(format!("without attack: contact after {:.1} s", step as f64 / 10.0))
     }
 
     /// How far the ego drives without an attack from *now* on, metres.

@@ -242,11 +242,9 @@ impl Reason {
             Self::Error => "the driver gave an error in every drive",
             Self::NoFeasiblePlan => "no plan of the adversary is feasible",
             Self::NeverHit => "no contact in any attacked drive",
-            Self::ContactWithoutAttack => {
-                "every contact comes without the attack too, or is first with another road user"
-            }
+            Self::ContactWithoutAttack => "contacts come without the attack too, or are with others first",
             Self::NotBelievable => "no attack is believable",
-            Self::NotAtFault => "no believable attack is at the driver's fault",
+            Self::NotAtFault => "never at fault in a believable attack",
             Self::NotShownAvoidable => "no evasive manoeuvre was found",
             Self::NotPreventable => "no reference driver prevents the contact",
             Self::Budget => "the budget ended before the plans did",

@@ -113,7 +113,7 @@ fn formats() {
 }
 
 /// Constants that limit what is read or made, by the file that has them.
-const LIMITS: [(&str, &[&str]); 25] = [
+const LIMITS: [(&str, &[&str]); 33] = [
     ("sage-data/src/recording.rs", &["MAX_SCENE_FILE"]),
     ("sage-data/src/folder.rs", &["MAX_LEVELS"]),
     ("sage-data/src/split.rs", &["LIMIT"]),
@@ -139,7 +139,17 @@ const LIMITS: [(&str, &[&str]); 25] = [
     ("experiments/src/commands/finetune.rs", &["MOST_PREPARED"]),
     ("sage-bench/src/study.rs", &["MOST_PROCEDURAL", "MOST_UNTRAINED", "MOST_DRIVES"]),
     ("experiments/src/cli.rs", &["MOST_COUNT"]),
+    ("sage-data/src/argoverse2/edges.rs", &["MOST_PAIRS"]),
+    ("sage-data/src/lane_polygon.rs", &["MOST"]),
+    ("sage-data/src/lane_links.rs", &["MOST"]),
+    ("sage-data/src/opendrive/links.rs", &["MOST_PASSED", "MOST_EXITS"]),
+    ("sage-view/src/player/map.rs", &["CHUNK"]),
+    ("sage-sim/src/policy/r157.rs", &["MOST_LOOKED"]),
+    ("sage-sim/src/route_lights.rs", &["MOST"]),
+    ("sage-sim/src/search/pool.rs", &["MOST_PLANS"]),
 ];
+/// Work that is a product of two lists of a file, and what bounds it.
+const PRODUCTS: &str = include_str!("products.table");
 
 /// The value of a constant and what is said of it.
 fn constant(file: &str, name: &str) -> (String, String) {
@@ -184,6 +194,15 @@ fn limits() {
             let (value, said) = constant(file, name);
             let _ = writeln!(body, "| {} | {value} | `{name}` in `{file}` |", cell(&said));
         }
+    }
+    body += "\n## Products\n\nWork on a file that is a product of two of its lists, and what bounds it.\n\n";
+    body += "| what | place | bound |\n| --- | --- | --- |\n";
+    for line in PRODUCTS.lines().filter(|line| !line.starts_with('#')) {
+        let [what, place, bound] = line.split(" | ").collect::<Vec<_>>().try_into().unwrap();
+        let (file, name) = place.split_once(' ').unwrap();
+        let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(file)).unwrap();
+        assert!(text.contains(name), "{line}");
+        let _ = writeln!(body, "| {what} | `{name}` in `{file}` | {bound} |");
     }
     let about = "Limits of what is read and made, so that memory and time stay bounded whatever a file holds \
         ([security](../../SECURITY.md)).";

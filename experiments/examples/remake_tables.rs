@@ -139,7 +139,8 @@ fn remake(root: &Path, tables: &[Made], is_update: bool) -> Result<Vec<String>, 
     let program = own.ancestors().nth(2).unwrap_or(&own).join("sage");
     let shown = out.display().to_string();
     let words = words.iter().map(|word| if *word == first.name { &shown } else { word });
-    let done = Command::new(program).args(words).arg("--wide").current_dir(root).stdout(Stdio::null()).output();
+    let done =
+        Command::new(program).args(words).arg("--wide").current_dir(root).stdout(Stdio::null()).output();
     let done = done.map_err(|error| error.to_string())?;
     if !done.status.success() {
         return Ok(vec![String::from_utf8_lossy(&done.stderr).into_owned()]);

@@ -122,7 +122,8 @@ fn a_replayed_ego_has_one_rate_of_attacks_whether_it_is_driven_or_not() {
     let of = |subject: &str| -> Vec<String> {
         let start = format!("open-loop,{subject},replay,");
         let rows = rows.lines().filter(|row| row.starts_with(&start) && row.contains(",attack,"));
-        rows.map(|row| row[start.len()..row.rfind(',').unwrap()].to_owned()).collect()
+        // Generator, scene and value.
+        rows.map(|row| [5, 12, 16].map(|column| row.split(',').nth(column).unwrap()).join(" ")).collect()
     };
     let (planned, driven) = (of("trajectory"), of("attacked-drive"));
     assert_eq!(planned.len(), 3 * 28);

@@ -57,7 +57,7 @@ const MAGIC: [(&[u8], &str, &str); 16] = [
 const CONVERT: &str = "convert it with ScenarioNet, and give the .pkl files that it writes";
 const UNPACK: &str = "unpack it, and give the files or the folder";
 const DECOMPRESS: &str = "decompress it first";
-const GIVE_SCENE: &str = "give a scene file: .pkl, .safetensors or a Waymo TFRecord file";
+const GIVE_SCENE: &str = "give a scene file: .pkl, .safetensors, a Waymo TFRecord file, JSON of GPUDrive, or a Parquet scenario of Argoverse 2";
 const GIVE_FOLDER: &str = "give the folder that it is in, or a scene file of that folder";
 
 /// The format of a file whose first bytes are those of no other format.

@@ -25,7 +25,7 @@ use sage_data::{
 };
 use sage_run::Result;
 use sage_sim::{
-    attack_test::AttackPath,
+    attack_test::{AttackPath, AttackTest},
     drive::Drive,
     episode::{Episode, Verdict},
     search::{Pool, SearchOptions, SearchResult},
@@ -132,7 +132,7 @@ impl DriveResult<'_> {
 pub(crate) fn search_rows(
     head: &SearchHead,
     options: &SearchOptions,
-    before: &Drive,
+    before: &AttackTest,
     pool: &Pool,
     result: &SearchResult,
     plans: &PlanSources,
@@ -145,7 +145,8 @@ pub(crate) fn search_rows(
     });
     let failures = failures.collect::<Result<_>>()?;
     let mut row = SceneRow::new(head.clone(), options, pool, result, |number| plans.source(number));
-    row.unattacked_contact = before.contacts.first().map(|contact| step(contact.step));
+    row.unattacked_contact = before.unattacked().contacts.first().map(|contact| step(contact.step));
+    row.unattacked_completion = before.unattacked_drive().completion;
     Ok((without_run(serde_json::to_value(row)?), failures))
 }
 

@@ -70,8 +70,7 @@ impl Searcher {
             seed: self.seed,
             adversary: driver.ctx.adversary().id.clone(),
         };
-        let before = driver.test.unattacked();
-        search_rows(&head, &self.options, before, pool, result, &self.named.plans)
+        search_rows(&head, &self.options, &driver.test, pool, result, &self.named.plans)
     }
 }
 

@@ -114,7 +114,7 @@ impl FaultClass {
             Self::StoppedEgo => "the ego stood",
             Self::StoppedTrack => "the other stood",
             Self::ActiveRear => "the ego was hit from behind",
-            Self::ActiveFront => "the ego's front hit the other",
+            Self::ActiveFront => "the ego's front edge met the other",
             Self::LateralInLane => "a contact at a side or corner, the ego in its lane",
             Self::LateralOffLane => "a contact at a side or corner, the ego not in one lane",
             Self::LateralUnknown => "a contact at a side or corner, on a map without lanes",

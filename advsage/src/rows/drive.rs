@@ -107,7 +107,7 @@ fn words(contact: &ContactRow, adversary: Option<&str>) -> String {
     let fault = fault(*class);
     let side = side_hit.name();
     format!(
-        "contact with {who} {} at the ego's {side}, {impact_speed:.1} m/s; {fault}: {}",
+        "contact with {who} {} at the ego's {side}, impact {impact_speed:.1} m/s; {fault}: {}",
         time(*step),
         class.words()
     )

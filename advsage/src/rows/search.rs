@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use sage_core::{
     files,
-    motion::{NOW, Trajectory},
+    motion::Trajectory,
     text::{count, escaped_name},
 };
 use sage_sim::{
@@ -95,6 +95,9 @@ pub struct SceneRow {
     pub first_failure: Option<usize>,
     /// Step of the first contact of the unattacked drive.
     pub unattacked_contact: Option<i64>,
+    /// Share of the recorded route that the unattacked drive makes; none if the route is shorter than 5 m.
+    #[serde(default)]
+    pub unattacked_completion: Option<f64>,
     /// Box centre and heading of the ego in the unattacked drive at frames 0 to 90, up to its first contact.
     pub unattacked_path: Vec<[f64; 3]>,
     /// The failure with the largest reward.
@@ -238,6 +241,7 @@ impl SceneRow {
             reached: result.reached,
             first_failure: result.failures.first().map(|failure| failure.drive + 1),
             unattacked_contact: None,
+            unattacked_completion: None,
             unattacked_path: Vec::new(),
             worst: result.worst().map(found),
             mildest: result.mildest(pool).map(found),
@@ -271,12 +275,6 @@ impl SceneRow {
     pub fn contact_without_attack(&self) -> Option<String> {
         let step = self.unattacked_contact?;
         Some(format!("without attack: contact after {:.1} s", step as f64 / 10.0))
-    }
-
-    /// How far the ego drives without an attack from *now* on, metres.
-    pub fn unattacked_metres(&self) -> f64 {
-        let path = self.unattacked_path.get(NOW..).unwrap_or_default();
-        path.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])).sum()
     }
 
     /// Box centre and heading of the ego in the unattacked drive.
@@ -325,8 +323,13 @@ impl SceneRow {
         let left_out =
             if left_out.is_empty() { String::new() } else { format!(" ({})", left_out.join(", ")) };
         let mut text = format!(
-            "scene `{scene}`, driver `{ego}`, adversary `{adversary}`: {result}\n  {proposed} plans proposed, {} searched{left_out}\n  {} drives: {} attacks, {} of them believable, {} with the driver at fault, {} failures\n",
-            plans.in_pool, self.drives, self.attacks, self.believable, self.at_fault, self.failures
+            "scene `{scene}`, driver `{ego}`, adversary `{adversary}`: {result}\n  {proposed} plans proposed, {} in the pool{left_out}\n  {}: {}, {} of them believable, {} with the driver at fault, {}\n",
+            plans.in_pool,
+            count(self.drives, "drive"),
+            count(self.attacks, "attack"),
+            self.believable,
+            self.at_fault,
+            count(self.failures, "failure")
         );
         let not_prevented = self.at_fault.saturating_sub(self.failures);
         if not_prevented > 0 && self.require == Requirement::default() {
@@ -335,7 +338,7 @@ impl SceneRow {
             );
         }
         if self.errors > 0 {
-            text += &format!("  {} drives in which the driver gave an error\n", self.errors);
+            text += &format!("  {} in which the driver gave an error\n", count(self.errors, "drive"));
         }
         if let Some(contact) = self.contact_without_attack() {
             text += &format!("  {contact}\n");
@@ -376,7 +379,7 @@ impl SceneRow {
         };
         let errors = match self.errors {
             0 => String::new(),
-            errors => format!("; {}", count(errors, "drive with an error of the driver")),
+            errors => format!("; {} with an error of the driver", count(errors, "drive")),
         };
         let time = seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s));
         let before = self.contact_without_attack().map_or(String::new(), |contact| format!("; {contact}"));

@@ -216,7 +216,7 @@ pub(crate) struct CalibrateArgs {
     #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Comma-separated objectives to fit a dial for: names in `sage list`, or JSON files.
-    #[arg(long, help_heading = SELECTION, value_name = "NAMES", value_delimiter = ',', default_value = "natural,paper-selection")]
+    #[arg(long, help_heading = SELECTION, value_name = "NAMES", value_delimiter = ',', default_value = "natural,paper-selection,natural-adversarial")]
     pub selection: Vec<String>,
     /// Rate that rises linearly: all attacks, or believable ones (default: believable; attack for a selection
     /// under the paper's feasibility rule).

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use advsage::rows::{failure::FailureRow, search::SceneRow};
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
-use sage_core::{files, geometry::Aabb};
+use sage_core::{files, geometry::Aabb, statistics};
 use sage_data::Recording;
 use sage_run::{
     Outcome,
@@ -25,7 +25,10 @@ use sage_view::{
 };
 use serde::Serialize;
 
-use super::search::found::{FailureScene, Found, without_folders};
+use super::search::{
+    found::{FailureScene, Found, without_folders},
+    summary::HARDLY,
+};
 use crate::cli::{FailureReportArgs, Keep};
 use entry::Entry;
 
@@ -59,7 +62,7 @@ struct Without<'a> {
     scene: &'a str,
     driver: String,
     reason: &'a str,
-    /// That the driver has a contact without any attack.
+    /// Its drives, and a contact without any attack.
     note: Option<String>,
 }
 
@@ -101,19 +104,15 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
     let found = without_defects(found)?;
     let data = Data {
         title: format!("Failures of {}", drivers(rows().map(|(_, row)| row.ego())).join(", ")),
-        subtitle: format!(
-            "{}, {}, {} with a failure",
-            progress::count(searches.len(), "search"),
-            progress::count(rows().count(), "searched scene"),
-            found.len()
-        ),
+        subtitle: subtitle(&searches, found.len()),
         without: rows()
             .filter(|(_, row)| row.failures() == 0)
             .map(|(_, row)| Without {
                 scene: row.scene(),
                 driver: without_folders(row.ego()),
                 reason: row.reason_words(),
-                note: row.contact_without_attack(),
+                note: Some([Some(progress::count(row.drives, "drive")), row.contact_without_attack()])
+                    .map(|notes| notes.into_iter().flatten().collect::<Vec<_>>().join("; ")),
             })
             .collect(),
         ..collected(found)?
@@ -133,6 +132,37 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
         folder.path().join(FILE).display()
     ));
     Ok(Outcome::Done)
+}
+
+/// What was searched, and what a reader must know of it.
+fn subtitle(searches: &[Found], with_failure: usize) -> String {
+    let rows = || searches.iter().flat_map(|search| &search.rows);
+    let mut parts = vec![
+        progress::count(searches.len(), "search"),
+        progress::count(rows().count(), "searched scene"),
+        format!("{with_failure} with a failure"),
+        progress::count(rows().map(|row| row.drives).sum(), "drive"),
+    ];
+    if let Some(most) = rows().map(|row| row.budget).max() {
+        parts.push(format!("at most {most} a scene"));
+    }
+    let counts = [
+        (rows().map(|row| row.errors).sum(), "drive", "with an error of the driver"),
+        (searches.iter().map(|search| search.failed).sum(), "scene", "failed and not shown"),
+        (
+            rows().filter(|row| row.unattacked_contact.is_some()).count(),
+            "scene",
+            "with a contact without any attack",
+        ),
+    ];
+    let counts = counts.into_iter().filter(|(count, ..)| *count > 0);
+    parts.extend(counts.map(|(count, what, said)| format!("{} {said}", progress::count(count, what))));
+    let completions: Vec<f64> = rows().filter_map(|row| row.unattacked_completion).collect();
+    if let Some(mean) = statistics::mean(&completions) {
+        let hardly = if mean < HARDLY { ": it hardly drives, so a search finds little" } else { "" };
+        parts.push(format!("without an attack {:.0} % of the routes{hardly}", 100.0 * mean));
+    }
+    parts.join(", ")
 }
 
 /// Names of the pages that a list names; only names as they are made here.

@@ -5,7 +5,7 @@ pub(super) mod found;
 mod picture;
 mod scene;
 mod searcher;
-mod summary;
+pub(super) mod summary;
 
 use std::path::Path;
 

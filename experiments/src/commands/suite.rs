@@ -81,7 +81,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     searches.iter_mut().for_each(|search| search.rows.retain(|row| row.failures() > 0));
     ensure!(
         searches.iter().any(|search| !search.rows.is_empty()),
-        "the searches hold no failure; search more scenes, or with a larger --budget"
+        "the searches hold no failure; search more scenes, or with a larger --budget (`sage report` says what they found, and errors of the driver)"
     );
     searches.iter().try_for_each(|search| {
         check(search, &searches[0]).with_context(|| format!("`{}`", search.folder.display()))

@@ -5,10 +5,14 @@ use std::{
     fs::File,
     path::Path,
     sync::{Mutex, PoisonError},
+    time::SystemTime,
 };
 
-/// Device and number of each file.
-static READ: Mutex<BTreeSet<[u64; 2]>> = Mutex::new(BTreeSet::new());
+/// Device, number and time of creation, where it is known: the number of a file that is gone is given to another one.
+type Id = (u64, u64, Option<SystemTime>);
+
+/// The files that were read.
+static READ: Mutex<BTreeSet<Id>> = Mutex::new(BTreeSet::new());
 
 /// Notes a file that is read.
 pub(super) fn note(file: &File) {
@@ -24,12 +28,12 @@ pub fn was_read(path: &Path) -> bool {
 }
 
 #[cfg(unix)]
-fn id(found: &std::fs::Metadata) -> Option<[u64; 2]> {
+fn id(found: &std::fs::Metadata) -> Option<Id> {
     use std::os::unix::fs::MetadataExt;
-    Some([found.dev(), found.ino()])
+    Some((found.dev(), found.ino(), found.created().ok()))
 }
 
 #[cfg(not(unix))]
-fn id(_: &std::fs::Metadata) -> Option<[u64; 2]> {
+fn id(_: &std::fs::Metadata) -> Option<Id> {
     None
 }

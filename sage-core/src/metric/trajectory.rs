@@ -111,7 +111,7 @@ pub fn trajectory_metrics(
                 .with_note(|t| t.note.as_ref().map(Note::to_string))
                 .more_is_better(),
             Metric::share("believable", |t: &T| Some(t.paper.believable == Some(true)))
-                .about("a person would believe the attack")
+                .about("an attack within measurable limits of what cars and drivers do")
                 .more_is_better(),
             Metric::mean("R_adv", |t: &T| Some(t.paper.adversarial_reward))
                 .about("adversarial reward: early contact, else closeness")

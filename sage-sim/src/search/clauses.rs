@@ -244,7 +244,7 @@ impl Reason {
             Self::NeverHit => "no contact in any attacked drive",
             Self::ContactWithoutAttack => "contacts come without the attack too, or are with others first",
             Self::NotBelievable => "no attack is believable",
-            Self::NotAtFault => "never at fault in a believable attack",
+            Self::NotAtFault => "no believable attack at fault",
             Self::NotShownAvoidable => "no evasive manoeuvre was found",
             Self::NotPreventable => "no reference driver prevents the contact",
             Self::Budget => "the budget ended before the plans did",

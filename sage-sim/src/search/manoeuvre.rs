@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_6, PI};
 
 use sage_core::{
-    geometry::{Aabb, OrientedBox, Point, cross, distance, dot, norm, sub, wrap_angle},
+    geometry::{Aabb, OrientedBox, Point, Segment, cross, distance, dot, norm, sub, wrap_angle},
     motion::DT,
     scene::SceneIndex,
 };
@@ -80,8 +80,9 @@ impl Manoeuvre {
         if turned.abs() >= TURN {
             return if turned > 0.0 { Self::TurnsLeft } else { Self::TurnsRight };
         }
+        let mut lane = None;
         let across = |w: &[OrientedBox]| {
-            let direction = lane_direction(&w[0], index).unwrap_or(first.axis);
+            let direction = followed_direction(&w[0], index, &mut lane).unwrap_or(first.axis);
             cross(direction, sub(w[1].center, w[0].center))
         };
         let drift: f64 = boxes.windows(2).map(across).sum();
@@ -100,16 +101,29 @@ impl Manoeuvre {
 
 /// Direction of the lane that a car follows: the nearest one along its heading.
 pub(super) fn lane_direction(area: &OrientedBox, index: &SceneIndex) -> Option<Point> {
+    followed_direction(area, index, &mut None)
+}
+
+/// The same of a car that followed a lane (a map feature) before: it stays on it, or on one of its exits, as long as one is near,
+/// whatever other lanes merge there.
+fn followed_direction(area: &OrientedBox, index: &SceneIndex, lane: &mut Option<u32>) -> Option<Point> {
     let lanes = index.motor_lanes();
-    let direction = |k: usize| {
-        let d = sub(lanes.segments()[k].b, lanes.segments()[k].a);
-        d.map(|x| x / norm(d).max(1e-9))
-    };
-    let along = |segment: &sage_core::geometry::Segment| {
+    let along = |segment: &Segment| {
         let d = sub(segment.b, segment.a);
         dot(d, area.axis) >= norm(d) * ALONG.cos()
     };
-    lanes.nearest(area.center, OWN_LANE, along).map(|nearest| direction(nearest.segment))
+    let before = *lane;
+    let exits = before.and_then(|lane| index.map().features[lane as usize].lane.as_ref());
+    let goes_on = |segment: &Segment| {
+        let is_exit = || exits.is_some_and(|lane| lane.exits.contains(&(segment.feature as usize)));
+        along(segment) && (before == Some(segment.feature) || is_exit())
+    };
+    let same = before.and_then(|_| lanes.nearest(area.center, OWN_LANE, goes_on));
+    let nearest = same.or_else(|| lanes.nearest(area.center, OWN_LANE, along))?;
+    let segment = &lanes.segments()[nearest.segment];
+    *lane = Some(segment.feature);
+    let d = sub(segment.b, segment.a);
+    Some(d.map(|x| x / norm(d).max(1e-9)))
 }
 
 /// What a contact happens on.

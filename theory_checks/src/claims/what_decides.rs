@@ -221,7 +221,7 @@ impl Check for WhatDecides {
     }
 
     fn expected(&self) -> Verdict {
-        Verdict::HoldsIf
+        Verdict::Holds
     }
 
     fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {

@@ -44,6 +44,8 @@ pub(in crate::commands) struct Found<'a> {
     pub(in crate::commands) record: SearchRecord,
     /// Rows of all scenes that are done.
     pub(in crate::commands) rows: Vec<SceneRow>,
+    /// Scenes that failed.
+    pub(in crate::commands) failed: usize,
 }
 
 /// What other commands need of the record of a search.
@@ -70,8 +72,10 @@ impl<'a> Found<'a> {
         let record: Value = json(&folder.join(RECORD)).context(NO_SEARCH)?;
         let hash = output::run_hash(&record["run"]);
         if record["seconds"].is_null() {
-            progress::say(&format!("note: the search in `{}` is not complete", folder.display()));
+            let folder = folder.display();
+            progress::say(&format!("note: scenes of the search in `{folder}` failed, or are not done"));
         }
+        let failed = record["results"]["failed"].as_u64().unwrap_or_default() as usize;
         let record: SearchRecord = serde_json::from_value(record["run"].clone()).context(NO_SEARCH)?;
         let mut rows: Vec<SceneRow> = Vec::new();
         for entry in std::fs::read_dir(folder)? {
@@ -90,7 +94,7 @@ impl<'a> Found<'a> {
             check_poses("unattacked_path", row.unattacked_path(), 0..=LAST_FRAME + 1)
                 .with_context(|| format!("scene `{}`", row.scene()))?;
         }
-        Ok(Self { folder, record, rows })
+        Ok(Self { folder, record, rows, failed })
     }
 
     /// File of the unchanged scene of a row.

@@ -110,6 +110,7 @@ impl OneScene<'_> {
         let source = |number| searcher.plans().source(number);
         let mut row = SceneRow::new(head, &searcher.options, &pool, &result, source);
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
+        row.unattacked_completion = test.unattacked_drive().completion;
         let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
         row.unattacked_path = shown_part(test.unattacked()).iter().map(pose).collect();
         // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.

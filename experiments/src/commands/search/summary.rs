@@ -22,13 +22,14 @@ pub(super) struct Summary {
     reasons: BTreeMap<Reason, usize>,
     /// Those that the budget ended, by what the best drive missed.
     reached: BTreeMap<Reason, usize>,
-    /// Scenes with a contact without any attack, and in which the driver stands without one.
+    /// Scenes with a contact without any attack.
     contacts_without_attack: usize,
-    standing: usize,
+    /// Sum of the shares of the routes that are driven without an attack, and their number.
+    completion: (f64, usize),
 }
 
-/// A driver that goes less far in 8 s stands, metres.
-const STANDING: f64 = 2.0;
+/// A driver that makes less of its routes without an attack hardly drives.
+pub(in crate::commands) const HARDLY: f64 = 0.5;
 
 /// Names of [`Summary::with`].
 const NAMES: [&str; 4] = ["attack", "believable", "at_fault", "failure"];
@@ -47,14 +48,17 @@ impl Summary {
             reasons,
             reached,
             contacts_without_attack: 0,
-            standing: 0,
+            completion: (0.0, 0),
         };
         for row in rows {
             all.scenes += 1;
             all.drives += row.drives;
             all.errors += row.errors;
             all.contacts_without_attack += usize::from(row.unattacked_contact.is_some());
-            all.standing += usize::from(row.unattacked_metres() < STANDING);
+            if let Some(completion) = row.unattacked_completion {
+                all.completion.0 += completion;
+                all.completion.1 += 1;
+            }
             let found = [row.attacks, row.believable, row.at_fault, row.failures];
             for (scenes, found) in all.with.iter_mut().zip(found) {
                 *scenes += usize::from(found > 0);
@@ -126,9 +130,10 @@ impl Summary {
                 "  in {scenes} this driver has a contact without any attack: `sage simulate` shows it"
             ));
         }
-        if 2 * self.standing > self.scenes {
-            let scenes = within(self.standing);
-            lines.push(format!("warning: in {scenes} this driver stands without any attack; whoever stands is at fault in nothing, so a search finds little"));
+        let (sum, scenes) = self.completion;
+        if scenes > 0 && sum / (scenes as f64) < HARDLY {
+            let percent = 100.0 * sum / scenes as f64;
+            lines.push(format!("warning: without an attack this driver makes {percent:.0} % of its routes in the mean; whoever hardly drives is at fault in little, so a search finds little"));
         }
         lines.join("\n")
     }

@@ -127,7 +127,7 @@ impl<'s> ResultRow<'s> {
             (None, Driven::Measured { drive, shortfall }) => {
                 let met = drive.contact.as_ref().map_or("no contact".to_owned(), after);
                 let speed = drive.contact.as_ref().map_or(0.0, |met| met.impact_speed);
-                let fault = || format!("{met}, {speed:.1} m/s, {}", fault_words(drive));
+                let fault = || format!("{met}, impact {speed:.1} m/s, {}", fault_words(drive));
                 let progress = &drive.progress;
                 match shortfall {
                     Some(Shortfall::OffRoad) => format!(

@@ -4,8 +4,8 @@
 //! cargo build --release && cargo run --release -p experiments --example remake_tables -- 10 [SEED]
 //! cargo run --release -p experiments --example remake_tables -- --update NAME…
 //! ```
-//! A table or list is preceded by `<!-- NAME: HASH -->`: the `--out` of the command on the page that makes it, and the first digits of
-//! the hash of its `rows.csv`. Draws so many of them by the seed, runs their commands in the root of the project, and ends with an
+//! A table, list or paragraph is preceded by `<!-- NAME: HASH -->`: the `--out` of the command on the page that makes it, and the first digits of
+//! the hash of its `rows.csv`. Numbers are looked for in the lines of the new report that hold the label of their row. Draws so many of them by the seed, runs their commands in the root of the project, and ends with an
 //! error if a hash differs, or if a number is not one of those of its row. `--update` runs commands and writes their hashes.
 
 #![allow(clippy::print_stderr)] // A program of its own, read by a person.
@@ -86,7 +86,7 @@ fn drawn(mut names: Vec<String>, count: usize, seed: u64) -> Vec<String> {
     (0..count).map(|_| names.swap_remove(rng.below(names.len()))).collect()
 }
 
-/// The tables and lists of a page below their comments.
+/// The tables, lists and paragraphs of a page below their comments.
 fn made(page: &Path, text: &str) -> Vec<Made> {
     let mut all: Vec<Made> = Vec::new();
     let mut is_open = false;
@@ -94,19 +94,16 @@ fn made(page: &Path, text: &str) -> Vec<Made> {
         if let Some((name, hash)) = comment(line) {
             all.push(Made { page: page.to_owned(), name, hash, rows: Vec::new() });
             is_open = true;
-        } else if is_open {
-            let label = if let Some(cells) = line.strip_prefix("| ") {
-                cells.split_once(" |")
-            } else {
-                line.strip_prefix("- ").and_then(|item| item.split_once(": "))
-            };
-            match (label, all.last_mut()) {
-                (Some((label, rest)), Some(one)) => {
-                    one.rows.push((label.trim().replace('`', ""), numbers(rest)));
-                }
-                // The first line of a list may be a sentence.
-                _ => is_open = line.is_empty() && all.last().is_some_and(|one| one.rows.is_empty()),
-            }
+            continue;
+        }
+        let Some(one) = all.last_mut().filter(|_| is_open) else { continue };
+        let cells = line.strip_prefix("| ").and_then(|cells| cells.split_once(" |"));
+        let item = line.strip_prefix("- ").and_then(|item| item.split_once(": "));
+        match cells.or(item) {
+            Some((label, rest)) => one.rows.push((label.trim().replace('`', ""), numbers(rest))),
+            // A line of a paragraph has no label, and a blank one ends what was begun.
+            None if !line.is_empty() => one.rows.push((String::new(), numbers(line))),
+            None => is_open = one.rows.is_empty(),
         }
     }
     all
@@ -158,7 +155,11 @@ fn remake(root: &Path, tables: &[Made], is_update: bool) -> Result<Vec<String>, 
             problems.push(format!("rows {hash}, on the page {}", one.hash));
         }
         for (label, printed) in &one.rows {
-            let of_row = || table.lines().chain(estimates.lines()).filter(|line| line.contains(&**label));
+            let lines = || table.lines().chain(estimates.lines());
+            // A label such as `waymo, K = 6` is that of the row `waymo`; one that no row has says something of all.
+            let label = label.split(',').next().unwrap_or_default();
+            let label = if lines().any(|line| line.contains(label)) { label } else { "" };
+            let of_row = || lines().filter(|line| line.contains(label));
             let known: Vec<f64> =
                 of_row().flat_map(numbers).filter_map(|number| number.parse().ok()).collect();
             problems.extend(printed.iter().filter(|number| !is_known(number, &known)).map(|number| {

@@ -137,7 +137,7 @@ impl NamedExperts {
 pub(crate) fn find(name: &str) -> Result<Weights> {
     match name {
         DEFAULT => {
-            Ok(Weights::Carried { name: "weights/procedural (in the binary)", files: sage_weights::PROCEDURAL })
+            Ok(Weights::Carried { name: "weights/procedural (in the binary)", files: &sage_weights::PROCEDURAL })
         }
         WAYMO | WAYMO_PAPER | WAYMO_LITERAL => recorded(name)?.map(Weights::File).ok_or_else(|| {
             Error::Unknown(format!(

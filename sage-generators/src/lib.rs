@@ -20,7 +20,7 @@
 //! use sage_generators::{GeneratorInputs, generators};
 //! use sage_merging::{ExpertSet, mergers};
 //!
-//! let weights = Weights::Carried { name: "procedural", files: sage_weights::PROCEDURAL };
+//! let weights = Weights::Carried { name: "procedural", files: &sage_weights::PROCEDURAL };
 //! let (experts, _) = ExpertSet::load(&weights, &backbones()?)?;
 //! let natural = ObjectiveSpec::preset("natural").ok_or("no such preset")?;
 //! let inputs = GeneratorInputs {

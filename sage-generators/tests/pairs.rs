@@ -26,7 +26,7 @@ use sage_generators::{
 use sage_merging::{ExpertSet, mergers};
 
 fn inputs(selection: &str) -> GeneratorInputs {
-    let weights = Weights::Carried { name: "procedural", files: sage_weights::PROCEDURAL };
+    let weights = Weights::Carried { name: "procedural", files: &sage_weights::PROCEDURAL };
     let (experts, _) = ExpertSet::load(&weights, &backbones().unwrap()).unwrap();
     let spec = ObjectiveSpec::preset(selection).unwrap();
     let selection = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap()).unwrap();

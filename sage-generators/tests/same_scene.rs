@@ -21,7 +21,7 @@ use sage_merging::{ExpertSet, mergers};
 const SAME: f64 = 0.01;
 
 fn sage() -> Box<dyn Generator> {
-    let weights = Weights::Carried { name: "procedural", files: sage_weights::PROCEDURAL };
+    let weights = Weights::Carried { name: "procedural", files: &sage_weights::PROCEDURAL };
     let (experts, _) = ExpertSet::load(&weights, &backbones().unwrap()).unwrap();
     let spec = ObjectiveSpec::preset("natural").unwrap();
     let selection = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap()).unwrap();

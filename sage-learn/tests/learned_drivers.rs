@@ -119,7 +119,7 @@ fn a_policy_of_a_file_keeps_the_share_of_its_training() {
 
 #[test]
 fn the_shipped_driver_is_one_of_the_recipe() {
-    let (_, card) = parse_policy(sage_weights::PPO).unwrap();
+    let (_, card) = parse_policy(&sage_weights::PPO).unwrap();
     assert_eq!(card.training["algorithm"], "PPO");
     assert_eq!((card.observes(), card.kept), (CONTINUED, 0.6));
     assert_eq!(card.license, "MIT OR Apache-2.0");

@@ -29,7 +29,7 @@ impl Entry<dyn EgoPolicy> for Ppo {
     type Options = LearnedPolicyOptions;
 
     fn build(options: LearnedPolicyOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        built(options, sage_weights::PPO)
+        built(options, &sage_weights::PPO)
     }
 }
 
@@ -41,7 +41,7 @@ impl Entry<dyn EgoPolicy> for Td3 {
     type Options = LearnedPolicyOptions;
 
     fn build(options: LearnedPolicyOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        built(options, sage_weights::TD3)
+        built(options, &sage_weights::TD3)
     }
 }
 

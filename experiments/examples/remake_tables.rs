@@ -135,7 +135,8 @@ fn remake(root: &Path, tables: &[Made], is_update: bool) -> Result<Vec<String>, 
     let own = std::env::current_exe().unwrap_or_default();
     let program = own.ancestors().nth(2).unwrap_or(&own).join("sage");
     let shown = out.display().to_string();
-    let words = words.iter().map(|word| if *word == first.name { &shown } else { word });
+    let place = words.iter().position(|word| word == "--out").map(|at| at + 1);
+    let words = words.iter().enumerate().map(|(k, word)| if Some(k) == place { &shown } else { word });
     let done =
         Command::new(program).args(words).arg("--wide").current_dir(root).stdout(Stdio::null()).output();
     let done = done.map_err(|error| error.to_string())?;

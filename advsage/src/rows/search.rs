@@ -314,7 +314,7 @@ impl SceneRow {
         let plans = &self.plans;
         let sage_sim::search::PoolCounts { proposed, infeasible, merged, beyond } = plans.counts;
         let left_out =
-            [(infeasible, "not feasible"), (merged, "like another"), (beyond, "more than the pool holds")];
+            [(infeasible, "not feasible"), (merged, "like another"), (beyond, "too many")];
         let left_out: Vec<String> = left_out
             .iter()
             .filter(|(count, _)| *count > 0)

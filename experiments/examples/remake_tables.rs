@@ -171,12 +171,12 @@ fn remake(root: &Path, tables: &[Made], is_update: bool) -> Result<Vec<String>, 
     Ok(problems)
 }
 
-/// Whether a printed number is one of some, as it is or in percent, rounded.
+/// Whether a printed number is one of some, as it is or in percent, rounded; a page may give the opposite of a difference.
 fn is_known(printed: &str, known: &[f64]) -> bool {
     let decimals = printed.split_once('.').map_or(0, |(_, decimals)| decimals.len());
     let Ok(value) = printed.parse::<f64>() else { return false };
     let half = 0.5001 * 10f64.powi(-(decimals as i32));
-    known.iter().any(|known| [1.0, 100.0, 0.01].iter().any(|scale| (scale * known - value).abs() <= half))
+    known.iter().any(|known| [1.0, 100.0, 0.01].iter().any(|scale| ((scale * known).abs() - value.abs()).abs() <= half))
 }
 
 /// The words after `sage` of the command of a page that writes to a folder.

@@ -176,7 +176,9 @@ fn is_known(printed: &str, known: &[f64]) -> bool {
     let decimals = printed.split_once('.').map_or(0, |(_, decimals)| decimals.len());
     let Ok(value) = printed.parse::<f64>() else { return false };
     let half = 0.5001 * 10f64.powi(-(decimals as i32));
-    known.iter().any(|known| [1.0, 100.0, 0.01].iter().any(|scale| ((scale * known).abs() - value.abs()).abs() <= half))
+    known.iter().any(|known| {
+        [1.0, 100.0, 0.01].iter().any(|scale| ((scale * known).abs() - value.abs()).abs() <= half)
+    })
 }
 
 /// The words after `sage` of the command of a page that writes to a folder.

@@ -313,8 +313,7 @@ impl SceneRow {
         };
         let plans = &self.plans;
         let sage_sim::search::PoolCounts { proposed, infeasible, merged, beyond } = plans.counts;
-        let left_out =
-            [(infeasible, "not feasible"), (merged, "like another"), (beyond, "too many")];
+        let left_out = [(infeasible, "not feasible"), (merged, "like another"), (beyond, "too many")];
         let left_out: Vec<String> = left_out
             .iter()
             .filter(|(count, _)| *count > 0)
@@ -360,7 +359,7 @@ impl SceneRow {
         let found = match (self.failures, self.reason) {
             (0, Some(Reason::Budget)) => {
                 let reached = self.reached.map_or("", Reason::words);
-                format!("no failure in {drives}, budget used up; so far: {reached}")
+                format!("no failure in {drives}, budget used up: {reached}")
             }
             (0, reason) => format!("no failure in {drives}: {}", reason.map_or("", Reason::words)),
             (failures, _) => {

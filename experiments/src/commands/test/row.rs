@@ -200,7 +200,7 @@ pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
         return Ok(output::print(&String::from_utf8(out)?)?);
     }
     let heads = ["test", "result", "what happened", "found with", "cluster"];
-    let mut table = Table { names: 3, ..Table::new("", &heads) };
+    let mut table = Table { names: 2, ..Table::new("", &heads) };
     for row in rows {
         let result = match row.head.result {
             TestResult::Passed if row.mark().is_some() => "passed, contact",

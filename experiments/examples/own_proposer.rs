@@ -53,7 +53,12 @@ impl GeneratorKind for StraightOn {
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, sage_generators::Error> {
         let selector = Box::new(Best::new(inputs.selection.clone()));
-        Ok(Box::new(ProposeAndSelect { proposer: Box::new(*self), selector, facts: self.facts() }))
+        Ok(Box::new(ProposeAndSelect {
+            proposer: Box::new(*self),
+            selector,
+            refinement: None,
+            facts: self.facts(),
+        }))
     }
 }
 

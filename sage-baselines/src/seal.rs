@@ -90,7 +90,12 @@ impl SealScore {
         weights: Arc<SealWeights>,
     ) -> Result<ProposeAndSelect, sage_generators::Error> {
         let proposer = CatGoals { candidates: self.candidates }.proposer(inputs.prior(name)?);
-        Ok(ProposeAndSelect { proposer, selector: Box::new(CriticalitySelector(weights)), facts: FACTS })
+        Ok(ProposeAndSelect {
+            proposer,
+            selector: Box::new(CriticalitySelector(weights)),
+            refinement: None,
+            facts: FACTS,
+        })
     }
 }
 

@@ -20,6 +20,7 @@
 
 pub mod content_hash;
 pub mod defect;
+pub mod deformation;
 pub mod error;
 pub mod files;
 pub mod generator;

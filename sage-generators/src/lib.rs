@@ -51,6 +51,7 @@ mod log;
 mod mixtures;
 mod propose_and_select;
 pub mod proposers;
+mod refinement;
 mod rule;
 pub mod selector;
 mod speed_profile;
@@ -65,6 +66,7 @@ pub use generator_kind::{Facts, GeneratorKind};
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
 pub use propose_and_select::ProposeAndSelect;
+pub use refinement::{Refinement, Rounds};
 pub use rule::{Rule, bezier};
 
 use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, ProposalOptions, RandomGoals};

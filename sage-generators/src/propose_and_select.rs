@@ -3,11 +3,14 @@
 
 use sage_core::{
     Error,
-    generator::{Attack, Generator, Observation, OperatingPoint, Proposer},
+    generator::{Attack, Generator, Observation, OperatingPoint, Proposal, Proposer},
     objective::Context,
 };
 
-use crate::{Facts, selector::Selector};
+use crate::{
+    Facts, Refinement,
+    selector::{Choice, Selector},
+};
 
 /// Selects among the proposals of a proposer.
 pub struct ProposeAndSelect {
@@ -15,6 +18,8 @@ pub struct ProposeAndSelect {
     pub proposer: Box<dyn Proposer>,
     /// Selects one of them.
     pub selector: Box<dyn Selector>,
+    /// Refines what is selected, if asked for: the refined plan is a further candidate.
+    pub refinement: Option<Refinement>,
     /// Properties of both. Proposals are made once for equal mixtures, or once if they depend on none; the attacks of an
     /// upper bound list only the selected candidate.
     pub facts: Facts,
@@ -34,13 +39,24 @@ impl Generator for ProposeAndSelect {
             let is_alike = |k: &usize| !self.facts.depends_on_lambda || at[*k].mixture == *mixture;
             let alike: Vec<usize> = (first..at.len()).filter(is_alike).collect();
             let mus: Vec<f64> = alike.iter().map(|k| at[*k].mu).collect();
-            for (k, selection) in alike.into_iter().zip(self.selector.select_each(&proposals, ctx, &mus)?) {
-                let (candidates, chosen) = if self.facts.is_upper_bound {
-                    (vec![proposals[selection.chosen].clone()], 0)
-                } else {
-                    (proposals.clone(), selection.chosen)
-                };
-                attacks[k] = Some(Attack::of(candidates, chosen, selection.note));
+            let selections = self.selector.select_each(&proposals, ctx, &mus)?;
+            let refinement = self.refinement.as_ref();
+            let refinement =
+                refinement.map(|refinement| (refinement, refinement.evaluations(&proposals, ctx)));
+            for (k, selection) in alike.into_iter().zip(selections) {
+                let refined = refinement.as_ref().and_then(|(refinement, evaluations)| {
+                    refinement.refined(&proposals, evaluations, &selection, ctx, at[k].mu, seed)
+                });
+                let Choice { chosen, note } = selection;
+                attacks[k] = Some(match refined {
+                    _ if self.facts.is_upper_bound => Attack::of(vec![proposals[chosen].clone()], 0, note),
+                    None => Attack::of(proposals.clone(), chosen, note),
+                    Some(refined) => {
+                        let candidates: Vec<Proposal> = proposals.iter().cloned().chain([refined]).collect();
+                        // It is feasible, whatever the note of the first choice says.
+                        Attack::of(candidates, proposals.len(), None)
+                    }
+                });
             }
         }
         Ok(attacks.into_iter().flatten().collect())

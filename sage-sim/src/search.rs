@@ -19,6 +19,7 @@ pub mod metrics;
 pub mod onset;
 pub mod passing;
 pub mod pool;
+mod refine;
 pub mod suite;
 mod surrogate;
 pub mod threshold;
@@ -48,7 +49,11 @@ pub use pool::{MOST_PLANS, Pool, PoolCounts, PoolPlan};
 pub use transfer::{MeasuredTransfer, transfer_metrics};
 
 use evaluation::Evaluator;
+use refine::Refiner;
 use surrogate::Surrogate;
+
+/// Refinements for each drive of the budget: not each finds a plan.
+const MOST_TRIES: usize = 4;
 
 /// Order in which plans are driven.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,6 +80,9 @@ pub struct SearchOptions {
     pub first: bool,
     /// Order of the plans.
     pub order: Order,
+    /// Share of the budget, at its end, for plans that are refined against what the driver did, 0 to 1. They begin earlier if the
+    /// pool has no plan left, and end at the first failure.
+    pub refine: f64,
     /// The search for an evasive manoeuvre.
     pub avoidable: AvoidanceOptions,
 }
@@ -86,8 +94,25 @@ impl Default for SearchOptions {
             require: Requirement::default(),
             first: false,
             order: Order::Surrogate,
+            refine: 0.0,
             avoidable: AvoidanceOptions::default(),
         }
+    }
+}
+
+impl SearchOptions {
+    /// *Errors*: [`CoreError::Options`] for a share that is none, or options of the search for manoeuvres out of range.
+    fn check(&self) -> Result<(), CoreError> {
+        if !(0.0..=1.0).contains(&self.refine) {
+            let problem = format!("it is {}; expected a share of the budget, 0 to 1", self.refine);
+            return Err(CoreError::Options { kind: "search", name: "refine", problem });
+        }
+        self.avoidable.check()
+    }
+
+    /// Number of drives for refined plans.
+    fn refined_drives(&self) -> usize {
+        (self.refine * self.budget as f64) as usize
     }
 }
 
@@ -200,9 +225,11 @@ pub fn search(
     seed: u64,
     mut replan: Option<&mut Replan>,
 ) -> Result<SearchResult, Error> {
-    options.avoidable.check()?;
+    options.check()?;
     let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
     let mut surrogate = Surrogate::new(ctx, options.require);
+    let mut refiner = Refiner::new(ctx, seed)?;
+    let (refined, mut tries) = (options.refined_drives(), 0);
     let mut random: Vec<usize> = (0..pool.plans.len()).collect();
     Rng::new(seed, &ctx.scene().id, "search").shuffle(&mut random);
     let mut result =
@@ -212,11 +239,23 @@ pub fn search(
     while result.driven.len() < options.budget {
         surrogate.see_plans(&pool.plans);
         let is_open = |k: &usize| !is_driven[*k];
-        let next = match options.order {
+        let mut next = match options.order {
             Order::Surrogate => surrogate.next(&is_driven),
             Order::Random => random.iter().copied().find(is_open),
             Order::Pool => (0..pool.plans.len()).find(is_open),
         };
+        let is_refined_next =
+            next.is_none() && replan.is_none() || result.driven.len() + refined >= options.budget;
+        if is_refined_next && refined > 0 && result.failures.is_empty() && tries < MOST_TRIES * options.budget
+        {
+            tries += 1;
+            let plan = refiner.next(&pool.plans, rule, ctx)?;
+            next = plan.and_then(|(parent, plan)| pool.add_refined(ctx, plan, parent));
+            if next.is_none() {
+                continue;
+            }
+            is_driven.push(false);
+        }
         let Some(number) = next else {
             let Some(replan) = replan.as_mut() else { break };
             let against = match &newest {
@@ -246,6 +285,7 @@ pub fn search(
         };
         let evaluated = evaluator.evaluate(number, plan, &outcome, &path)?;
         surrogate.see_drive(number, &path);
+        refiner.see_drive(plan, &evaluated, &path);
         if evaluated.clauses.meet(options.require) {
             let (avoidable, circumstances) = evaluator.describe(plan, evaluated.contact.as_ref(), &path)?;
             let (drive, path) = (result.driven.len(), path.clone());

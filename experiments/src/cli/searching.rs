@@ -75,6 +75,10 @@ pub(crate) struct SearchArgs {
     /// likelihood) do not learn from drives.
     #[arg(long, help_heading = SEARCH, value_name = "ORDER", default_value = "surrogate")]
     pub order: OrderArg,
+    /// Share of the budget, at its end, for plans that are refined against what the driver did, until the first failure; 0 for
+    /// none.
+    #[arg(long, help_heading = SEARCH, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
+    pub refine: f64,
     /// Search the plans of this generator, by its name in `sage list`, instead of the default ones.
     #[arg(long, help_heading = ATTACK, value_name = "NAME")]
     pub method: Option<Part>,
@@ -128,6 +132,11 @@ fn fault_rules() -> impl TypedValueParser<Value = FaultRule> {
 
 /// Most drives or plans of a scene.
 const MOST: usize = 100_000;
+
+fn share(text: &str) -> Result<f64, String> {
+    let share = text.trim().parse().ok().filter(|share| (0.0..=1.0).contains(share));
+    share.ok_or_else(|| "expected a share, 0 to 1".to_owned())
+}
 
 fn budget(text: &str) -> Result<usize, String> {
     let number = text.trim().parse().ok().filter(|number| (1..=MOST).contains(number));

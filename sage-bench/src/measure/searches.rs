@@ -39,11 +39,13 @@ use crate::{
 struct PoolOptions {
     order: Order,
     plans: usize,
+    refine: f64,
 }
 
 impl Default for PoolOptions {
     fn default() -> Self {
-        Self { order: Order::Surrogate, plans: MOST_PLANS }
+        let SearchOptions { order, refine, .. } = SearchOptions::default();
+        Self { order, plans: MOST_PLANS, refine }
     }
 }
 
@@ -104,7 +106,12 @@ impl Searches {
                         let own: PoolOptions = serde_json::from_value(Value::Object(part.options.clone()))
                             .with_context(|| format!("`{text}`"))?;
                         let plans = PlanSources::pool(&likeliest, &[], own.plans)?;
-                        vec![method(text.clone(), None, plans, SearchOptions { order: own.order, ..options })]
+                        vec![method(
+                            text.clone(),
+                            None,
+                            plans,
+                            SearchOptions { order: own.order, refine: own.refine, ..options },
+                        )]
                     }
                     ONE_SHOT => {
                         let one = |point: &OperatingPointSpec| -> Result<Method> {

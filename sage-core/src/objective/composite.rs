@@ -149,11 +149,28 @@ impl Objective {
 
     /// Evaluates a candidate.
     pub fn evaluate(&self, candidate: &Candidate, ctx: &Context) -> Evaluation {
+        self.evaluate_in(candidate, &situations(candidate, ctx), ctx)
+    }
+
+    /// The evaluation of a candidate; `None` if an upper bound shows, before the slow terms and the rule are asked, that its
+    /// value at a weight μ is not above another one.
+    pub fn evaluate_above(
+        &self,
+        least: f64,
+        candidate: &Candidate,
+        ctx: &Context,
+        mu: f64,
+    ) -> Option<Evaluation> {
+        let situations = situations(candidate, ctx);
+        let is_above = self.at_most(&situations, mu) > least;
+        is_above.then(|| self.evaluate_in(candidate, &situations, ctx))
+    }
+
+    fn evaluate_in(&self, candidate: &Candidate, situations: &[Situation], ctx: &Context) -> Evaluation {
         let violations = self.rule.violations(candidate, ctx);
         let is_feasible = violations.is_empty();
-        let situations = situations(candidate, ctx);
         let value = |term: &Term| {
-            if term.only_feasible && !is_feasible { None } else { term.mean(&situations) }
+            if term.only_feasible && !is_feasible { None } else { term.mean(situations) }
         };
         let situation = &situations[0];
         let is_asked = self.spec.believable_first && is_feasible && situation.encounter.contact.is_some();
@@ -181,10 +198,13 @@ impl Objective {
 
     /// Upper bound of a candidate's value at a weight μ: slow terms at their best value, no violation.
     pub fn value_at_most(&self, candidate: &Candidate, ctx: &Context, mu: f64) -> f64 {
-        let situations = situations(candidate, ctx);
+        self.at_most(&situations(candidate, ctx), mu)
+    }
+
+    fn at_most(&self, situations: &[Situation], mu: f64) -> f64 {
         // A slow term that cannot be measured adds nothing.
         let best = |term: &Term| {
-            let Some([least, most]) = term.reward.slow_range() else { return term.mean(&situations) };
+            let Some([least, most]) = term.reward.slow_range() else { return term.mean(situations) };
             let weight = term.weight.at(mu);
             let best = if weight > 0.0 { most } else { least };
             (weight * best > 0.0).then_some(best)

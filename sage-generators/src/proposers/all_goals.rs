@@ -43,7 +43,8 @@ impl GeneratorKind for AllGoals {
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
         let proposer = Box::new(Decoder { prior, with_nll });
-        Ok(Box::new(ProposeAndSelect { proposer, selector: Best::boxed(inputs), facts: self.facts() }))
+        let selector = Best::boxed(inputs);
+        Ok(Box::new(ProposeAndSelect { proposer, selector, refinement: None, facts: self.facts() }))
     }
 }
 

@@ -68,7 +68,12 @@ impl GeneratorKind for CatGoals {
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let proposer = self.proposer(inputs.prior(Self::NAME)?);
-        Ok(Box::new(ProposeAndSelect { proposer, selector: Box::new(CatSelector), facts: self.facts() }))
+        Ok(Box::new(ProposeAndSelect {
+            proposer,
+            selector: Box::new(CatSelector),
+            refinement: None,
+            facts: self.facts(),
+        }))
     }
 }
 

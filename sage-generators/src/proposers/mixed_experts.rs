@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Draw, check_candidates, goal, in_scene, nll};
 use crate::{
-    Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect,
+    Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect, Refinement, Rounds,
     drivable::drivable,
     mixtures::Mixtures,
     selector::Best,
@@ -46,7 +46,7 @@ const DRAWN_PER_CANDIDATE: usize = 8;
 const MOST_POLYLINES: usize = 128;
 
 /// Options of `sage` and `prior`.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProposalOptions {
     /// Number of candidates; 48 by default, or 32 with a network that sees road boundaries alone.
@@ -59,6 +59,8 @@ pub struct ProposalOptions {
     pub drivable: bool,
     /// Whether candidates are drawn by their probability, in place of the likeliest; `apart` is not read then.
     pub drawn: bool,
+    /// Rounds of the refinement of the selected plan, such as `[[16, 8], [4, 25], [1, 100]]`: plans, and tries for each.
+    pub refine: Option<Rounds>,
     /// Map and goal subsampling.
     pub subsampling: Subsampling,
 }
@@ -71,6 +73,7 @@ impl Default for ProposalOptions {
             retime: true,
             drivable: true,
             drawn: false,
+            refine: None,
             subsampling: Subsampling::default(),
         }
     }
@@ -85,6 +88,7 @@ impl ProposalOptions {
             retime: false,
             drivable: false,
             drawn: false,
+            refine: Some(Rounds::default()),
             // All that the features hold.
             subsampling: Subsampling {
                 max_polylines: MOST_POLYLINES,
@@ -97,7 +101,14 @@ impl ProposalOptions {
 
     /// The options of `sage-drawn`: few candidates, drawn by their probability.
     pub fn few_drawn() -> Self {
-        Self { candidates: Some(4), apart: 0.0, retime: false, drawn: true, ..Self::default() }
+        Self {
+            candidates: Some(4),
+            apart: 0.0,
+            retime: false,
+            drawn: true,
+            refine: Some(Rounds::default()),
+            ..Self::default()
+        }
     }
 
     fn checked(self) -> Result<Self, String> {
@@ -108,13 +119,14 @@ impl ProposalOptions {
         if self.drawn && self.retime {
             return Err("`drawn` candidates are not retimed, which would change their probability: set `retime` to false".to_owned());
         }
+        self.refine.as_ref().map_or(Ok(()), Rounds::check)?;
         self.subsampling.check().map_err(|error| format!("`subsampling`: {error}"))?;
         Ok(self)
     }
 }
 
 /// SAGE: the mixed experts.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct MixedExperts(pub ProposalOptions);
 
 impl MixedExperts {
@@ -124,7 +136,7 @@ impl MixedExperts {
     pub fn proposer(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
         let models = inputs.mixtures(Self::NAME)?;
         let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
-        Ok(Box::new(Network(Arc::new(Shared { options: self.0, models, prior, with_nll }))))
+        Ok(Box::new(Network(Arc::new(Shared { options: self.0.clone(), models, prior, with_nll }))))
     }
 }
 
@@ -146,12 +158,13 @@ impl GeneratorKind for MixedExperts {
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let (proposer, selector) = (self.proposer(inputs)?, Best::boxed(inputs));
-        Ok(Box::new(ProposeAndSelect { proposer, selector, facts: self.facts() }))
+        let refinement = Refinement::of(inputs, self.0.refine.as_ref());
+        Ok(Box::new(ProposeAndSelect { proposer, selector, refinement, facts: self.facts() }))
     }
 }
 
 /// The untuned prior.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Prior(ProposalOptions);
 
 impl Entry<dyn GeneratorKind> for Prior {
@@ -173,8 +186,10 @@ impl GeneratorKind for Prior {
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let models = inputs.prior_at_any_mixture(Self::NAME)?;
         let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
-        let proposer = Box::new(Network(Arc::new(Shared { options: self.0, models, prior, with_nll })));
-        Ok(Box::new(ProposeAndSelect { proposer, selector: Best::boxed(inputs), facts: self.facts() }))
+        let proposer =
+            Box::new(Network(Arc::new(Shared { options: self.0.clone(), models, prior, with_nll })));
+        let (selector, refinement) = (Best::boxed(inputs), Refinement::of(inputs, self.0.refine.as_ref()));
+        Ok(Box::new(ProposeAndSelect { proposer, selector, refinement, facts: self.facts() }))
     }
 }
 

@@ -45,7 +45,12 @@ impl GeneratorKind for MostLikely {
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let (prior, models) = (inputs.prior(Self::NAME)?, inputs.mixtures(Self::NAME)?);
         let proposer = Box::new(OfPolicy { prior, models });
-        Ok(Box::new(ProposeAndSelect { proposer, selector: Box::new(First), facts: self.facts() }))
+        Ok(Box::new(ProposeAndSelect {
+            proposer,
+            selector: Box::new(First),
+            refinement: None,
+            facts: self.facts(),
+        }))
     }
 }
 

@@ -14,18 +14,20 @@ use serde::{Deserialize, Serialize};
 
 use super::{Draw, check_candidates, encoded, goal, in_scene, nll};
 use crate::{
-    Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect,
+    Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect, Refinement, Rounds,
     drivable::drivable,
     selector::Best,
     speed_profile::{Extended, speed_profiles},
 };
 
 /// Options of random goals.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RandomGoals {
     /// Number of candidates; 48 by default, or 32 with a network that sees road boundaries alone.
     pub candidates: Option<usize>,
+    /// Rounds of the refinement of the selected plan, such as `[[16, 8], [4, 25], [1, 100]]`: plans, and tries for each.
+    pub refine: Option<Rounds>,
 }
 
 impl Entry<dyn GeneratorKind> for RandomGoals {
@@ -36,6 +38,7 @@ impl Entry<dyn GeneratorKind> for RandomGoals {
 
     fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
         check_candidates(options.candidates)?;
+        options.refine.as_ref().map_or(Ok(()), Rounds::check)?;
         Ok(Box::new(options))
     }
 }
@@ -48,7 +51,8 @@ impl GeneratorKind for RandomGoals {
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
         let proposer = Box::new(Decoder { prior, candidates: self.candidates, with_nll });
-        Ok(Box::new(ProposeAndSelect { proposer, selector: Best::boxed(inputs), facts: self.facts() }))
+        let (selector, refinement) = (Best::boxed(inputs), Refinement::of(inputs, self.refine.as_ref()));
+        Ok(Box::new(ProposeAndSelect { proposer, selector, refinement, facts: self.facts() }))
     }
 }
 

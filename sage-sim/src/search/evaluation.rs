@@ -215,7 +215,7 @@ impl<'t> PlanDrives<'t> {
         let ctx = self.evaluator.ctx;
         let candidate = ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
         let evaluated = if self.rule.is_feasible(&candidate, ctx) {
-            let plan = PoolPlan { proposal: proposal.clone(), source: 0, candidate };
+            let plan = PoolPlan { proposal: proposal.clone(), source: 0, refined_from: None, candidate };
             let (outcome, path) = self.evaluator.drive(&plan)?;
             Some(self.evaluator.evaluate(number, &plan, &outcome, &path)?)
         } else {

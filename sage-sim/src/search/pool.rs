@@ -16,8 +16,10 @@ pub const MOST_PLANS: usize = 256;
 pub struct PoolPlan {
     /// The plan, with its negative log-likelihood under the prior if that is known.
     pub proposal: Proposal,
-    /// Number of the source that proposed it.
+    /// Number of the source that proposed it, or the plan that it was refined from.
     pub source: usize,
+    /// Number of the plan that it was refined from, if it was.
+    pub refined_from: Option<usize>,
     /// The plan prepared for evaluation.
     pub candidate: Candidate,
 }
@@ -104,8 +106,19 @@ impl Pool {
             self.counts.infeasible += 1;
             return false;
         }
-        self.plans.push(PoolPlan { proposal, source, candidate });
+        self.plans.push(PoolPlan { proposal, source, refined_from: None, candidate });
         true
+    }
+
+    /// Adds a feasible plan that was refined from another one, however full the pool is, and gives its number; `None` if it is known.
+    pub(super) fn add_refined(&mut self, ctx: &Context, proposal: Proposal, parent: usize) -> Option<usize> {
+        if self.plans.iter().any(|plan| is_same(&plan.proposal, &proposal)) {
+            return None;
+        }
+        let candidate = ctx.candidate(proposal.trajectory.clone());
+        let source = self.plans[parent].source;
+        self.plans.push(PoolPlan { proposal, source, refined_from: Some(parent), candidate });
+        Some(self.plans.len() - 1)
     }
 }
 

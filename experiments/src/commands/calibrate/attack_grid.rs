@@ -79,7 +79,8 @@ impl AttackGrid {
         // If any objective needs the prior's likelihood, the proposer must compute it.
         let needs_prior = objectives.iter().find(|objective| objective.needs_prior());
         let selection = needs_prior.unwrap_or(&inputs.selection).clone();
-        let proposer = MixedExperts(*proposals).proposer(&GeneratorInputs { selection, ..inputs.clone() })?;
+        let proposer =
+            MixedExperts(proposals.clone()).proposer(&GeneratorInputs { selection, ..inputs.clone() })?;
         let experts = inputs.experts("sage")?;
         let mixtures =
             lambdas.iter().map(|lambda| experts.between(*lambda)).collect::<Result<Vec<_>, _>>()?;

@@ -62,12 +62,13 @@ struct SearchIdentity {
     require: Requirement,
     first: bool,
     order: Order,
+    refine: f64,
     avoidable: AvoidanceOptions,
 }
 
 impl SearchIdentity {
-    fn of(SearchOptions { budget: _, require, first, order, avoidable }: SearchOptions) -> Self {
-        Self { require, first, order, avoidable }
+    fn of(SearchOptions { budget: _, require, first, order, refine, avoidable }: SearchOptions) -> Self {
+        Self { require, first, order, refine, avoidable }
     }
 }
 
@@ -107,6 +108,7 @@ impl<'a> Searcher<'a> {
             require: args.require,
             first: args.first,
             order: args.order.0,
+            refine: args.refine,
             avoidable: args.avoidable.options().unwrap_or_default(),
         };
         Ok(Self { args, ego, options, estimate: Estimate::default(), named })

@@ -26,11 +26,11 @@ pub struct DriverSearch {
 impl DriverSearch {
     /// A search of at most `drives` attacked drives a scene, up to the first plan at which the driver is at fault. `rule` says
     /// which plans are feasible. A drive is that of `sage search`: not mirrored, with the default car and parked cars, and it does
-    /// not end at arrival.
+    /// not end at arrival. Plans are not refined, so training costs what its drives cost.
     pub fn new(generator: BuiltGenerator, rule: Selection, drives: usize) -> Self {
         // What a driver is at fault at is worth learning, avoidable or not.
         let require = Requirement::of(&[Clause::Believable, Clause::AtFault]);
-        let options = SearchOptions { budget: drives, first: true, require, ..SearchOptions::default() };
+        let options = SearchOptions { budget: drives, first: true, require, refine: 0.0, ..SearchOptions::default() };
         Self { generator, rule, options }
     }
 

@@ -169,6 +169,9 @@ impl PlanSources {
         seed: u64,
     ) -> Result<(Pool, SearchResult)> {
         let mut pool = self.plans(test, ctx, rule, seed)?;
+        // One shot is the plan that a generator selects, and no other.
+        let refine = if self.only_selected { 0.0 } else { options.refine };
+        let options = &SearchOptions { refine, ..*options };
         let anew = self.built.iter().find(|built| built.facts.plans_against_ego);
         let mut replan = |against: &Context| -> Result<Vec<(usize, Proposal)>, sage_core::Error> {
             let Some(built) = anew else { return Ok(Vec::new()) };

@@ -14,7 +14,7 @@ use sage_core::{
     generator::Proposal,
     motion::Trajectory,
     objective::{
-        Candidate, Context, Evaluation, Objective, is_within_limits,
+        Context, Evaluation, Objective, is_within_limits,
         turning::{TURN, tight_turn},
     },
     seed::Rng,
@@ -139,7 +139,7 @@ impl Refinement {
         let Plan { evolution, evaluation, trajectory } = plan;
         evolution.run(tries, rng, |deformed| {
             let candidate = ctx.candidate(deformed);
-            if !can_be_driven(&candidate) {
+            if !is_within_limits(candidate.profile()) {
                 return false;
             }
             // Only a believable hit is preferred to a plan of a larger value.
@@ -148,8 +148,8 @@ impl Refinement {
                 false => self.rank(evaluation, mu),
             };
             let Some(new) = self.objective.evaluate_above(least, &candidate, ctx, mu) else { return false };
-            let is_better =
-                new.is_feasible() && best_of(&[&*evaluation, &new], &self.objective, mu).chosen == 1;
+            let is_better = best_of(&[&*evaluation, &new], &self.objective, mu).chosen == 1
+                && tight_turn(&candidate, TURN).is_none();
             if is_better {
                 *evaluation = new;
                 *trajectory = Some(candidate.into_trajectory());
@@ -161,9 +161,4 @@ impl Refinement {
     fn prefers_believable(&self) -> bool {
         self.objective.spec().believable_first
     }
-}
-
-/// Whether a plan keeps to the limits of the kinematic penalty and of the turn of a car.
-fn can_be_driven(candidate: &Candidate) -> bool {
-    is_within_limits(candidate.profile()) && tight_turn(candidate, TURN).is_none()
 }

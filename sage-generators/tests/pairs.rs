@@ -160,7 +160,7 @@ fn published_candidates_are_the_likeliest_goals_in_their_order() {
         ProposalOptions { drivable: false, ..default() },
     ];
     for options in others {
-        assert_ne!(propose(options), propose(default()), "{options:?}");
+        assert_ne!(propose(options.clone()), propose(default()), "{options:?}");
     }
 }
 

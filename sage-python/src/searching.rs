@@ -17,7 +17,7 @@ use sage_run::Result;
 use sage_sim::{
     Error, PlannerLog, SimScene,
     attack_test::AttackTest,
-    search::{MOST_PLANS, Order, Reason, Requirement, SearchOptions},
+    search::{MOST_PLANS, Order, REFINE, Reason, Requirement, SearchOptions},
 };
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -138,7 +138,7 @@ fn word<T: DeserializeOwned>(what: &str, text: &str, known: &str) -> PyResult<T>
 #[pyfunction]
 #[pyo3(signature = (scenes, ego, *, method=None, weights=None, lambda_=None, aggression=None, mix=None, mu=None, selection="natural",
     feasibility=None, merger="linear", options=None, budget=64, require=None, references=None, first=false, order="surrogate",
-    plans=MOST_PLANS, seed=0, threads=None))]
+    refine=REFINE, plans=MOST_PLANS, seed=0, threads=None))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn search_each(
     py: Python<'_>,
@@ -159,6 +159,7 @@ pub(crate) fn search_each(
     references: Option<Vec<String>>,
     first: bool,
     order: &str,
+    refine: f64,
     #[pyo3(from_py_with = crate::seed::count)] plans: usize,
     #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
     #[pyo3(from_py_with = crate::seed::optional_count)] threads: Option<usize>,
@@ -175,6 +176,9 @@ pub(crate) fn search_each(
             "budget is {budget} and plans {plans}; expected at least 1 of each"
         )));
     }
+    if !(0.0..=1.0).contains(&refine) {
+        return Err(OptionError::new_err(format!("refine is {refine}; expected a share of the budget, 0 to 1")));
+    }
     let keywords = keywords(
         py,
         [
@@ -190,7 +194,7 @@ pub(crate) fn search_each(
     let spec = SearchSpec { generator: GeneratorSpec { seed, ..spec(&keywords)? }, plans };
     let threads = self::threads(threads)?;
     let scenes = iterator(scenes)?;
-    let options = SearchOptions { budget, require, first, order, ..SearchOptions::default() };
+    let options = SearchOptions { budget, require, first, order, refine, ..SearchOptions::default() };
     let is_python = driver.planner.is_some();
     let searcher = Arc::new(detached(py, || {
         let named = spec.build(registries()?)?;

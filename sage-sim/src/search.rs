@@ -52,6 +52,8 @@ use evaluation::Evaluator;
 use refine::Refiner;
 use surrogate::Surrogate;
 
+/// Share of the budget for refined plans by default.
+pub const REFINE: f64 = 0.25;
 /// Refinements for each drive of the budget: not each finds a plan.
 const MOST_TRIES: usize = 4;
 
@@ -80,8 +82,8 @@ pub struct SearchOptions {
     pub first: bool,
     /// Order of the plans.
     pub order: Order,
-    /// Share of the budget, at its end, for plans that are refined against what the driver did, 0 to 1. They begin earlier if the
-    /// pool has no plan left, and end at the first failure.
+    /// Share of the budget, at its end, for plans that are refined against what the driver did, 0 to 1: until the first failure, and
+    /// earlier if the pool has no plan left. Only an order that learns from drives has them.
     pub refine: f64,
     /// The search for an evasive manoeuvre.
     pub avoidable: AvoidanceOptions,
@@ -94,7 +96,7 @@ impl Default for SearchOptions {
             require: Requirement::default(),
             first: false,
             order: Order::Surrogate,
-            refine: 0.0,
+            refine: REFINE,
             avoidable: AvoidanceOptions::default(),
         }
     }
@@ -112,7 +114,7 @@ impl SearchOptions {
 
     /// Number of drives for refined plans.
     fn refined_drives(&self) -> usize {
-        (self.refine * self.budget as f64) as usize
+        if self.order == Order::Surrogate { (self.refine * self.budget as f64) as usize } else { 0 }
     }
 }
 
@@ -254,6 +256,7 @@ pub fn search(
             if next.is_none() {
                 continue;
             }
+            surrogate.see_plans(&pool.plans);
             is_driven.push(false);
         }
         let Some(number) = next else {

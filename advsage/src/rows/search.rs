@@ -16,7 +16,10 @@ use sage_sim::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ROW_LIMIT, plan::PlanRow};
+use super::{
+    ROW_LIMIT,
+    plan::{PlanRow, REFINED},
+};
 use crate::operating_point::RowKey;
 
 /// Name of the row of a scene.
@@ -85,7 +88,7 @@ pub struct SceneRow {
     pub avoidable: usize,
     /// Drives that meet all required clauses.
     pub failures: usize,
-    /// These by the generator of their plans.
+    /// These by the generator of their plans; `refined` for those that the search made.
     pub sources: BTreeMap<String, usize>,
     /// Why there is no failure.
     pub reason: Option<Reason>,
@@ -220,8 +223,11 @@ impl SceneRow {
         };
         let mut sources = BTreeMap::new();
         for failure in &result.failures {
-            let key = source(pool.plans[result.driven[failure.drive].plan].source);
-            let name = key.map(|key| key.part().name.clone()).unwrap_or_default();
+            let plan = &pool.plans[result.driven[failure.drive].plan];
+            let name = match plan.refined_from {
+                Some(_) => REFINED.to_owned(),
+                None => source(plan.source).map(|key| key.part().name.clone()).unwrap_or_default(),
+            };
             *sources.entry(name).or_default() += 1;
         }
         Self {

@@ -10,7 +10,7 @@ use clap::{
 use sage_data::dataset::Shard;
 use sage_sim::{
     fault::FaultRule,
-    search::{MOST_PLANS, Order, Requirement},
+    search::{MOST_PLANS, Order, REFINE, Requirement},
 };
 
 use super::{
@@ -75,9 +75,9 @@ pub(crate) struct SearchArgs {
     /// likelihood) do not learn from drives.
     #[arg(long, help_heading = SEARCH, value_name = "ORDER", default_value = "surrogate")]
     pub order: OrderArg,
-    /// Share of the budget, at its end, for plans that are refined against what the driver did, until the first failure; 0 for
-    /// none.
-    #[arg(long, help_heading = SEARCH, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
+    /// Share of the budget, at its end, for plans that are refined against what the driver did: until the first failure, and only
+    /// with the order `surrogate`.
+    #[arg(long, help_heading = SEARCH, value_name = "SHARE", default_value_t = REFINE, value_parser = share)]
     pub refine: f64,
     /// Search the plans of this generator, by its name in `sage list`, instead of the default ones.
     #[arg(long, help_heading = ATTACK, value_name = "NAME")]

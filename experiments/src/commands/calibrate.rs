@@ -9,9 +9,7 @@ use advsage::{Registries, generators::Generators, selection::Selection};
 use anyhow::{Context as _, Result, ensure};
 use sage_bench::curve::Linearity;
 use sage_core::objective::PartSpec;
-use sage_generators::{
-    DIAL_FILE, Dials, FittedDial, GeneratorInputs, Rate, hashes, proposers::ProposalOptions,
-};
+use sage_generators::{DIAL_FILE, Dials, FittedDial, GeneratorInputs, Rate, hashes};
 use sage_run::{
     Outcome, networks,
     output::{self, OutputFile},
@@ -19,7 +17,7 @@ use sage_run::{
     scenes::Scenes,
 };
 
-use self::attack_grid::{AttackGrid, Fitted};
+use self::attack_grid::AttackGrid;
 use crate::cli::CalibrateArgs;
 
 /// Number of aggressions at which a dial is evaluated.
@@ -27,8 +25,6 @@ const AGGRESSIONS: usize = 11;
 
 /// Number of λ from which a dial of λ is fitted.
 const LAMBDAS: usize = 41;
-/// Whether a dial is of μ; one that is not is of λ.
-const BY_MU: [bool; 2] = [true, false];
 /// The generators whose candidates are selected in a fit.
 const SAGE: &str = "sage";
 const SAGE_DRAWN: &str = "sage-drawn";
@@ -54,14 +50,11 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let scenes = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?.attackable()?;
     let mut dials = Dials::default();
-    let kinds = BY_MU
-        .into_iter()
-        .filter(|by_mu| selections.iter().any(|s| s.objective.spec().depends_on_mu() == *by_mu));
-    let mut progress = Progress::new("evaluated", scenes.len() * kinds.count());
+    let mut progress = Progress::new("evaluated", scenes.len() * selections.len());
     let all = aggressions();
     let generators = generators.with_experts(&experts);
-    let fitted = evaluated(&selections, &scenes, generators.inputs(), args.seed, &mut progress)?;
-    for (selection, grid) in fitted {
+    for selection in &selections {
+        let grid = grid_of(selection, &scenes, registries, generators.inputs(), &mut progress)?;
         let spec = selection.objective.spec();
         let by_rule =
             if spec.feasibility.name == PartSpec::default().name { Rate::Attack } else { Rate::Believable };
@@ -110,32 +103,23 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     Ok(scenes.outcome())
 }
 
-/// The selections with their evaluated candidates: first those that depend on μ.
+/// The attacks that a selection takes at many operating points.
 ///
 /// *Errors*: the first scene that fails.
-fn evaluated<'s>(
-    selections: &'s [Selection],
+fn grid_of(
+    selection: &Selection,
     scenes: &Scenes,
+    registries: &Registries,
     inputs: &GeneratorInputs,
-    seed: u64,
     progress: &mut Progress,
-) -> Result<Vec<(&'s Selection, AttackGrid)>> {
-    let mut all = Vec::with_capacity(selections.len());
-    for by_mu in BY_MU {
-        let of = |selection: &&Selection| selection.objective.spec().depends_on_mu() == by_mu;
-        let selections: Vec<&Selection> = selections.iter().filter(of).collect();
-        if selections.is_empty() {
-            continue;
-        }
-        let objectives = selections.iter().map(|s| Arc::new(s.objective.clone())).collect();
-        let fitted = match by_mu {
-            true => Fitted { objectives, lambdas: aggressions(), proposals: ProposalOptions::default() },
-            // λ alone steers, so more of its values are tried, and few candidates let it.
-            false => Fitted { objectives, lambdas: fine(), proposals: ProposalOptions::few_drawn() },
-        };
-        all.extend(
-            selections.into_iter().zip(AttackGrid::of(scenes, inputs, &fitted, seed, || progress.step())?),
-        );
-    }
-    Ok(all)
+) -> Result<AttackGrid> {
+    let objective = &selection.objective;
+    // Where λ alone steers, more of its values are tried, and few candidates let it.
+    let (name, lambdas) = match objective.spec().depends_on_mu() {
+        true => (SAGE, aggressions()),
+        false => (SAGE_DRAWN, fine()),
+    };
+    let generator = registries.generators.build_default(name)?;
+    let inputs = GeneratorInputs { selection: Arc::new(objective.clone()), ..inputs.clone() };
+    AttackGrid::of(scenes, &*generator, &inputs, lambdas, || progress.step())
 }

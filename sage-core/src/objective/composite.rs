@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::{
     Candidate, Context, Evaluation, Feasibility, ObjectiveSpec, PartSpec, Reward, Situation, TermSpec,
-    Weight, is_believable,
+    Violation, Weight, is_believable,
     spec::{MAX_WEIGHT, MOST_TERMS},
 };
 use crate::{Error, registry::Registry};
@@ -149,11 +149,18 @@ impl Objective {
 
     /// Evaluates a candidate.
     pub fn evaluate(&self, candidate: &Candidate, ctx: &Context) -> Evaluation {
-        self.evaluate_in(candidate, &situations(candidate, ctx), ctx)
+        let violations = self.rule.violations(candidate, ctx);
+        let is_feasible = violations.is_empty();
+        let situations = situations(candidate, ctx);
+        let value = |term: &Term| {
+            if term.only_feasible && !is_feasible { None } else { term.mean(&situations) }
+        };
+        let terms = self.terms.iter().map(value).collect();
+        self.evaluation(terms, violations, &situations[0])
     }
 
-    /// The evaluation of a candidate; `None` if an upper bound shows, before the slow terms and the rule are asked, that its
-    /// value at a weight μ is not above another one.
+    /// The evaluation of a candidate, if it is feasible and its value at a weight μ above another one. It ends as soon as an upper
+    /// bound of the value is not: the rule is asked after the fast terms, and one slow term after the other.
     pub fn evaluate_above(
         &self,
         least: f64,
@@ -162,23 +169,35 @@ impl Objective {
         mu: f64,
     ) -> Option<Evaluation> {
         let situations = situations(candidate, ctx);
-        let is_above = self.at_most(&situations, mu) > least;
-        is_above.then(|| self.evaluate_in(candidate, &situations, ctx))
+        let mut terms = self.best_terms(&situations, mu);
+        let is_above = |terms: &[Option<f64>]| self.value_of(terms, 0.0, mu) > least;
+        if !is_above(&terms) || !self.rule.is_feasible(candidate, ctx) {
+            return None;
+        }
+        for (number, term) in self.terms.iter().enumerate() {
+            if term.reward.slow_range().is_some() {
+                terms[number] = term.mean(&situations);
+                if !is_above(&terms) {
+                    return None;
+                }
+            }
+        }
+        Some(self.evaluation(terms, Vec::new(), &situations[0]))
     }
 
-    fn evaluate_in(&self, candidate: &Candidate, situations: &[Situation], ctx: &Context) -> Evaluation {
-        let violations = self.rule.violations(candidate, ctx);
-        let is_feasible = violations.is_empty();
-        let value = |term: &Term| {
-            if term.only_feasible && !is_feasible { None } else { term.mean(situations) }
-        };
-        let situation = &situations[0];
-        let is_asked = self.spec.believable_first && is_feasible && situation.encounter.contact.is_some();
+    fn evaluation(
+        &self,
+        terms: Vec<Option<f64>>,
+        violations: Vec<Violation>,
+        situation: &Situation,
+    ) -> Evaluation {
+        let contact = situation.encounter.contact;
+        let is_asked = self.spec.believable_first && violations.is_empty() && contact.is_some();
         Evaluation {
             is_believable: is_asked && is_believable(situation),
-            terms: self.terms.iter().map(value).collect(),
-            contact: situation.encounter.contact,
-            adversarial: situation.encounter.reward(ctx.convention()),
+            terms,
+            contact,
+            adversarial: situation.encounter.reward(situation.ctx.convention()),
             violations,
         }
     }
@@ -198,10 +217,11 @@ impl Objective {
 
     /// Upper bound of a candidate's value at a weight μ: slow terms at their best value, no violation.
     pub fn value_at_most(&self, candidate: &Candidate, ctx: &Context, mu: f64) -> f64 {
-        self.at_most(&situations(candidate, ctx), mu)
+        self.value_of(&self.best_terms(&situations(candidate, ctx), mu), 0.0, mu)
     }
 
-    fn at_most(&self, situations: &[Situation], mu: f64) -> f64 {
+    /// The values of the terms, slow ones at their best.
+    fn best_terms(&self, situations: &[Situation], mu: f64) -> Vec<Option<f64>> {
         // A slow term that cannot be measured adds nothing.
         let best = |term: &Term| {
             let Some([least, most]) = term.reward.slow_range() else { return term.mean(situations) };
@@ -209,8 +229,7 @@ impl Objective {
             let best = if weight > 0.0 { most } else { least };
             (weight * best > 0.0).then_some(best)
         };
-        let terms: Vec<Option<f64>> = self.terms.iter().map(best).collect();
-        self.value_of(&terms, 0.0, mu)
+        self.terms.iter().map(best).collect()
     }
 }
 

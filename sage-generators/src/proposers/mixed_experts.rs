@@ -59,7 +59,8 @@ pub struct ProposalOptions {
     pub drivable: bool,
     /// Whether candidates are drawn by their probability, in place of the likeliest; `apart` is not read then.
     pub drawn: bool,
-    /// Rounds of the refinement of the selected plan, such as `[[16, 8], [4, 25], [1, 100]]`: plans, and tries for each.
+    /// Rounds of the refinement of the selected plan: plans, and tries for each. By default `[[16, 8], [4, 25], [1, 100]]` for `sage`
+    /// with a selection that prefers believable attacks, such as `natural`, else none (`[]`).
     pub refine: Option<Rounds>,
     /// Map and goal subsampling.
     pub subsampling: Subsampling,
@@ -158,7 +159,9 @@ impl GeneratorKind for MixedExperts {
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let (proposer, selector) = (self.proposer(inputs)?, Best::boxed(inputs));
-        let refinement = Refinement::of(inputs, self.0.refine.as_ref());
+        // What prefers believable attacks is refined unless told otherwise; the selections of the paper are not.
+        let standard = inputs.selection.spec().believable_first.then(Rounds::standard);
+        let refinement = Refinement::of(inputs, self.0.refine.as_ref().or(standard.as_ref()));
         Ok(Box::new(ProposeAndSelect { proposer, selector, refinement, facts: self.facts() }))
     }
 }

@@ -337,6 +337,7 @@ def search_each(
     references: list[str] | None = None,
     first: bool = False,
     order: str = "surrogate",
+    refine: float = ...,
     plans: int = ...,
     seed: int = 0,
     threads: int | None = None,

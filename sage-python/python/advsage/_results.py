@@ -113,6 +113,7 @@ def search(
     references: Sequence[str] | None = None,
     first: bool = False,
     order: str = "surrogate",
+    refine: float = 0.25,
     plans: int = 256,
     method: str | None = None,
     options: dict[str, Any] | None = None,
@@ -130,7 +131,8 @@ def search(
     """Searches scenes with the driver in the loop for plans of the adversary that it fails at.
 
     In each scene at most `budget` plans are driven against, of at most `plans` feasible ones that are proposed; what was driven
-    decides which is next (`order`: "surrogate", "random", "pool"). A failure meets all clauses of `require`, of
+    decides which is next (`order`: "surrogate", "random", "pool"), and in the last `refine` of the budget plans are refined against
+    what the driver did, until the first failure. A failure meets all clauses of `require`, of
     "attack,believable,at-fault,preventable" (all by default), "avoidable" and "believable-1"; `references` names the drivers that
     are asked in place of r157, idm, pdm and expert whether they prevent a contact; `first` stops at the first one. Plans are those of several
     generators, or of one `method` with its `options`. The other options are those of `Generator`. A scene that cannot be
@@ -148,6 +150,7 @@ def search(
         references=references and list(references),
         first=first,
         order=order,
+        refine=refine,
         plans=plans,
         method=method,
         options=options,

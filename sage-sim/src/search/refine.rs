@@ -119,7 +119,7 @@ impl Refiner {
                 return false;
             };
             let value = value(&candidate, &evaluation);
-            let is_better = evaluation.is_feasible() && value > most && rule.is_feasible(&candidate, &ctx);
+            let is_better = value > most && rule.is_feasible(&candidate, &ctx);
             if is_better {
                 most = value;
                 found = Some(candidate.into_trajectory());

@@ -1,47 +1,31 @@
 //! Attack rates over λ and μ, all attacks or believable ones, from which a dial is fitted.
-//!
-//! Candidates depend only on λ, and μ only selects among them. So each scene is evaluated once per λ.
-
-use std::sync::Arc;
 
 use anyhow::Result;
 use sage_core::{
-    generator::Proposal,
-    objective::{Candidate, Context, ContextOptions, Evaluation, Objective, Situation, is_believable},
+    generator::OperatingPoint,
+    objective::{Context, ContextOptions, Situation, is_believable},
     scene::SceneData,
     statistics,
 };
-use sage_generators::{
-    Aggression, GeneratorInputs, Rate,
-    proposers::{MixedExperts, ProposalOptions},
-    selector::best_of,
-};
+use sage_generators::{Aggression, GeneratorInputs, GeneratorKind, Rate};
 use sage_run::scenes::Scenes;
 
-/// What dials are fitted for: objectives, and the λ and the candidates at which they are evaluated.
-pub(crate) struct Fitted {
-    pub objectives: Vec<Arc<Objective>>,
-    pub lambdas: Vec<f64>,
-    pub proposals: ProposalOptions,
+/// Whether the attack that a generator selects hits the ego feasibly, and whether a person would believe it.
+#[derive(Clone, Copy)]
+struct Selected {
+    hits: bool,
+    believable: bool,
 }
 
-/// Evaluated candidates of every scene at several λ.
+/// The attacks of a generator in every scene at several λ and μ.
 pub(crate) struct AttackGrid {
     lambdas: Vec<f64>,
-    objective: Arc<Objective>,
-    /// By scene, then by λ.
-    evaluations: Vec<Vec<Vec<Evaluation>>>,
-    /// Whether each of them is a believable attack.
-    believable: Vec<Vec<Vec<bool>>>,
+    mus: Vec<f64>,
+    /// By scene, λ and μ.
+    selected: Vec<Vec<Vec<Selected>>>,
 }
 
-/// Evaluated candidates of one scene: by objective, then by λ; and by λ which are believable attacks.
-struct SceneGrid {
-    by_objective: Vec<Vec<Vec<Evaluation>>>,
-    believable: Vec<Vec<bool>>,
-}
-
-/// The attacks that the selection takes at some λ and μ.
+/// The attacks at some λ and μ.
 pub struct Attacks {
     /// For each scene 1 if a feasible trajectory hits the ego, else 0.
     pub hits: Vec<f64>,
@@ -64,63 +48,55 @@ impl Attacks {
 }
 
 impl AttackGrid {
-    /// Evaluates candidates of all scenes at several λ with several objectives, one grid for each
-    /// objective. The candidates do not depend on the objectives. Calls `done` after each scene.
+    /// Attacks all scenes at several λ, and at many μ if the selection depends on it. Calls `done` after each scene.
     ///
     /// *Errors*: the first scene that fails.
     pub(crate) fn of(
         scenes: &Scenes,
+        generator: &dyn GeneratorKind,
         inputs: &GeneratorInputs,
-        fitted: &Fitted,
-        seed: u64,
+        lambdas: Vec<f64>,
         done: impl FnMut(),
-    ) -> Result<Vec<Self>> {
-        let Fitted { objectives, lambdas, proposals } = fitted;
-        // If any objective needs the prior's likelihood, the proposer must compute it.
-        let needs_prior = objectives.iter().find(|objective| objective.needs_prior());
-        let selection = needs_prior.unwrap_or(&inputs.selection).clone();
-        let proposer =
-            MixedExperts(proposals.clone()).proposer(&GeneratorInputs { selection, ..inputs.clone() })?;
+    ) -> Result<Self> {
+        let objective = &inputs.selection;
+        let mus = if objective.spec().depends_on_mu() { mu_grid() } else { vec![1.0] };
+        let built = generator.build(inputs)?;
         let experts = inputs.experts("sage")?;
         let mixtures =
             lambdas.iter().map(|lambda| experts.between(*lambda)).collect::<Result<Vec<_>, _>>()?;
-        let one = |data: &SceneData| -> Result<SceneGrid> {
+        let one = |data: &SceneData| -> Result<Vec<Vec<Selected>>> {
             let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
-            let prepared = proposer.prepare(&data.observe()?)?;
-            let mut by_objective = vec![Vec::with_capacity(mixtures.len()); objectives.len()];
-            let mut believable = Vec::with_capacity(mixtures.len());
+            let mut all = Vec::with_capacity(mixtures.len());
             for mixture in &mixtures {
-                let candidate = |p: Proposal| ctx.candidate(p.trajectory).with_nll(p.nll);
-                let all: Vec<_> = prepared.propose(mixture, seed)?.into_iter().map(candidate).collect();
-                let is_believable = |c: &Candidate| is_believable(&Situation::new(c, ctx.ego(), &ctx));
-                believable.push(all.iter().map(is_believable).collect());
-                for (objective, found) in objectives.iter().zip(&mut by_objective) {
-                    found.push(all.iter().map(|c| compact(objective.evaluate(c, &ctx))).collect());
-                }
+                let at = |mu: &f64| OperatingPoint { mixture: mixture.clone(), mu: *mu };
+                let points: Vec<OperatingPoint> = mus.iter().map(at).collect();
+                let selected = built.attacks(&ctx, &points, inputs.seed)?.into_iter().map(|attack| {
+                    let candidate = ctx.candidate(attack.trajectory().clone());
+                    Selected {
+                        hits: objective.evaluate(&candidate, &ctx).is_attack(),
+                        believable: is_believable(&Situation::new(&candidate, ctx.ego(), &ctx)),
+                    }
+                });
+                all.push(selected.collect());
             }
-            Ok(SceneGrid { by_objective, believable })
+            Ok(all)
         };
-        let mut scenes = scenes.map(one, done)?;
-        let of_objective = |(k, objective): (usize, &Arc<Objective>)| Self {
-            lambdas: lambdas.clone(),
-            objective: objective.clone(),
-            evaluations: scenes.iter_mut().map(|scene| std::mem::take(&mut scene.by_objective[k])).collect(),
-            believable: scenes.iter().map(|scene| scene.believable.clone()).collect(),
-        };
-        Ok(objectives.iter().enumerate().map(of_objective).collect())
+        let selected = scenes.map(one, done)?;
+        Ok(Self { lambdas, mus, selected })
     }
 
-    /// The attacks that are selected at λ and μ; `None` for a λ that was not evaluated.
+    /// The attacks at λ and μ; `None` for values that were not evaluated.
     pub fn attacks(&self, lambda: f64, mu: f64) -> Option<Attacks> {
-        let k = self.lambdas.iter().position(|known| (known - lambda).abs() < 1e-9)?;
-        let mut attacks = Attacks { hits: Vec::new(), believable: Vec::new() };
-        for (scene, believable) in self.evaluations.iter().zip(&self.believable) {
-            let chosen = best_of(&scene[k], &self.objective, mu).chosen;
-            let selected = &scene[k][chosen];
-            attacks.hits.push(f64::from(u8::from(selected.is_attack())));
-            attacks.believable.push(f64::from(u8::from(believable[k][chosen])));
-        }
-        Some(attacks)
+        let position =
+            |values: &[f64], value: f64| values.iter().position(|known| (known - value).abs() < 1e-9);
+        let (l, m) = (position(&self.lambdas, lambda)?, position(&self.mus, mu)?);
+        let count = |is: fn(&Selected) -> bool| {
+            self.selected.iter().map(|scene| f64::from(u8::from(is(&scene[l][m])))).collect()
+        };
+        Some(Attacks {
+            hits: count(|selected| selected.hits),
+            believable: count(|selected| selected.believable),
+        })
     }
 
     /// Fits the dial for these scenes: the rate rises linearly over `steps` aggressions. The λ must be evenly spaced; if the
@@ -128,37 +104,22 @@ impl AttackGrid {
     ///
     /// *Errors*: fewer than two λ.
     pub fn fit(&self, rate: Rate, steps: usize) -> Result<Aggression> {
-        if !self.objective.spec().depends_on_mu() {
-            let at = |lambda: &f64| self.attacks(*lambda, 1.0).map_or(0.0, |attacks| attacks.rate(rate));
-            let rates: Vec<f64> = self.lambdas.iter().map(at).collect();
+        let at = |lambda: f64, mu: f64| self.attacks(lambda, mu).map_or(0.0, |attacks| attacks.rate(rate));
+        if self.mus.len() == 1 {
+            let rates: Vec<f64> = self.lambdas.iter().map(|lambda| at(*lambda, 1.0)).collect();
             return Ok(Aggression::fit_lambda(&rates, steps)?);
         }
-        let grid = mu_grid();
-        let at = |lambda: f64, mu: f64| self.attacks(lambda, mu).map_or(0.0, |attacks| attacks.rate(rate));
         let rates: Vec<Vec<f64>> =
-            self.lambdas.iter().map(|l| grid.iter().map(|mu| at(*l, *mu)).collect()).collect();
-        Ok(Aggression::fit(&grid, &rates)?)
+            self.lambdas.iter().map(|l| self.mus.iter().map(|mu| at(*l, *mu)).collect()).collect();
+        Ok(Aggression::fit(&self.mus, &rates)?)
     }
-}
-
-/// The evaluation with at most one violation, of the same total cost, and without names: a grid holds
-/// hundreds of evaluations per scene.
-fn compact(mut evaluation: Evaluation) -> Evaluation {
-    let cost = evaluation.cost();
-    evaluation.violations.truncate(1);
-    evaluation.violations.shrink_to_fit();
-    for violation in &mut evaluation.violations {
-        violation.cost = cost;
-        violation.with = String::new();
-    }
-    evaluation
 }
 
 /// Values of μ from which a dial is fitted. The steps are small near 0, where the attack rate rises.
 fn mu_grid() -> Vec<f64> {
     let fine = (0..50).map(|k| f64::from(k) * 0.002);
     let middle = (0..40).map(|k| 0.1 + f64::from(k) * 0.005);
-    let coarse = (0..=35).map(|k| 0.3 + f64::from(k) * 0.02);
+    let coarse = (0..=7).map(|k| 0.3 + f64::from(k) * 0.1);
     fine.chain(middle).chain(coarse).map(|mu| (mu * 1e6).round() / 1e6).collect()
 }
 

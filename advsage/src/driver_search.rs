@@ -30,7 +30,8 @@ impl DriverSearch {
     pub fn new(generator: BuiltGenerator, rule: Selection, drives: usize) -> Self {
         // What a driver is at fault at is worth learning, avoidable or not.
         let require = Requirement::of(&[Clause::Believable, Clause::AtFault]);
-        let options = SearchOptions { budget: drives, first: true, require, refine: 0.0, ..SearchOptions::default() };
+        let options =
+            SearchOptions { budget: drives, first: true, require, refine: 0.0, ..SearchOptions::default() };
         Self { generator, rule, options }
     }
 

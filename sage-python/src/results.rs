@@ -146,7 +146,9 @@ pub(crate) fn search_rows(
     let failures = failures.collect::<Result<_>>()?;
     let mut row = SceneRow::new(head.clone(), options, pool, result, |number| plans.source(number));
     row.unattacked_contact = before.unattacked().contacts.first().map(|contact| step(contact.step));
-    row.unattacked_completion = before.unattacked_drive().completion;
+    let unattacked = before.unattacked_drive();
+    row.unattacked_completion = unattacked.completion;
+    row.unattacked_off_road = unattacked.is_off_road();
     Ok((without_run(serde_json::to_value(row)?), failures))
 }
 

@@ -177,7 +177,9 @@ pub(crate) fn search_each(
         )));
     }
     if !(0.0..=1.0).contains(&refine) {
-        return Err(OptionError::new_err(format!("refine is {refine}; expected a share of the budget, 0 to 1")));
+        return Err(OptionError::new_err(format!(
+            "refine is {refine}; expected a share of the budget, 0 to 1"
+        )));
     }
     let keywords = keywords(
         py,

@@ -20,7 +20,8 @@ pub fn print_table(table: &Table, beside_json: bool) -> Result<()> {
 /// Prints to standard error the time that each driver, by its name, took for a step; those without steps are left out.
 pub fn print_step_times<'t>(drivers: impl IntoIterator<Item = (&'t str, &'t StepTimes)>) {
     let milliseconds = |time: Option<f64>| format!("{:.3} ms", time.unwrap_or(f64::NAN));
-    let mut table = Table { names: 1, ..Table::new("", &["driver", "time a step", "99 % of steps"]) };
+    let mut table =
+        Table { names: 1, ..Table::new("", &["driver", "mean time of a step", "99 % take at most"]) };
     for (driver, times) in drivers {
         if let Some(mean) = times.mean() {
             table.row(driver, [Some(mean), times.quantile(0.99)].map(milliseconds));

@@ -101,6 +101,9 @@ pub struct SceneRow {
     /// Share of the recorded route that the unattacked drive makes; none if the route is shorter than 5 m.
     #[serde(default)]
     pub unattacked_completion: Option<f64>,
+    /// Whether the unattacked drive leaves the road, which the recording does not; none on a map without edges.
+    #[serde(default)]
+    pub unattacked_off_road: Option<bool>,
     /// Box centre and heading of the ego in the unattacked drive at frames 0 to 90, up to its first contact.
     pub unattacked_path: Vec<[f64; 3]>,
     /// The failure with the largest reward.
@@ -248,6 +251,7 @@ impl SceneRow {
             first_failure: result.failures.first().map(|failure| failure.drive + 1),
             unattacked_contact: None,
             unattacked_completion: None,
+            unattacked_off_road: None,
             unattacked_path: Vec::new(),
             worst: result.worst().map(found),
             mildest: result.mildest(pool).map(found),
@@ -280,7 +284,10 @@ impl SceneRow {
     /// That the driver has a contact without any attack, and when.
     pub fn contact_without_attack(&self) -> Option<String> {
         let step = self.unattacked_contact?;
-        Some(format!("without attack: contact after {:.1} s", step as f64 / 10.0))
+        Some(match step as f64 / 10.0 {
+            before if before < 0.0 => format!("without attack: contact {:.1} s before now", -before),
+            after => format!("without attack: contact after {after:.1} s"),
+        })
     }
 
     /// Box centre and heading of the ego in the unattacked drive.
@@ -347,6 +354,9 @@ impl SceneRow {
         }
         if let Some(contact) = self.contact_without_attack() {
             text += &format!("  {contact}\n");
+        }
+        if self.unattacked_off_road == Some(true) {
+            text += "  without attack: the driver leaves the road\n";
         }
         if let Some(reached) = self.reached.filter(|_| self.failures == 0 && self.reason != self.reached) {
             text += &format!("  the furthest that an attack came: {}\n", reached.words());

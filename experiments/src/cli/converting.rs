@@ -42,7 +42,7 @@ pub(crate) struct ConvertArgs {
     #[arg(required = true, value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     /// Output format.
-    #[arg(long, help_heading = OUTPUT, value_name = "TO", value_parser = scene_formats(&[]))]
+    #[arg(long, alias = "format", help_heading = OUTPUT, value_name = "TO", value_parser = scene_formats(&[]))]
     pub to: Format,
     /// Version of OpenSCENARIO with --to openscenario (default: 1.2).
     #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]

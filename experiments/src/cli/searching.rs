@@ -27,7 +27,7 @@ use super::{
 /// A plan is a failure if its attacked drive meets all clauses of --require: `attack` (the first contact is with the
 /// adversary, and not there without the attack), `believable`, `at-fault` (by nuPlan's rule), and `preventable` (a reference
 /// driver, which does not know the plan, takes over *now* and prevents the contact). `avoidable` asks whether an evasive manoeuvre exists,
-/// knowing the plan; `believable-1` is the definition of `believable` before plans had limits of turns.
+/// knowing the plan, which it does for nearly all; `believable-1` is the definition of `believable` before plans had limits of turns.
 ///
 /// The plans are those of SAGE at five lambda, of its mixtures with the lawful expert, and of random goals, as far as they are
 /// feasible (--feasibility, by default `drivable`). --method searches the plans of one generator instead; `king`,

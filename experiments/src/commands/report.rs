@@ -154,6 +154,11 @@ fn subtitle(searches: &[Found], with_failure: usize) -> String {
             "scene",
             "with a contact without any attack",
         ),
+        (
+            rows().filter(|row| row.unattacked_off_road == Some(true)).count(),
+            "scene",
+            "in which the driver leaves the road without any attack",
+        ),
     ];
     let counts = counts.into_iter().filter(|(count, ..)| *count > 0);
     parts.extend(counts.map(|(count, what, said)| format!("{} {said}", progress::count(count, what))));

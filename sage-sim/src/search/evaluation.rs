@@ -65,6 +65,11 @@ impl Evaluated {
     }
 }
 
+/// A time, which is a number of steps, without the error of its sums.
+fn seconds(time: f64) -> f64 {
+    (time * 1e3).round() / 1e3
+}
+
 /// Drives against plans of one scene.
 pub(super) struct Evaluator<'t> {
     test: &'t AttackTest<'t>,
@@ -142,7 +147,7 @@ impl<'t> Evaluator<'t> {
             evaluated.clauses.avoidable = Some(time.is_some());
             evaluated.latest_start = time;
             evaluated.human_time =
-                time.map(|time| step as f64 * DT - time - onset(&plan.candidate, &ctx, step));
+                time.map(|time| seconds(step as f64 * DT - time - onset(&plan.candidate, &ctx, step)));
             if time.is_some() {
                 let r157 = Avoidance::new(&ctx, AvoidanceOptions::r157())?;
                 evaluated.latest_start_r157 = r157.latest_start(&plan.candidate, step);

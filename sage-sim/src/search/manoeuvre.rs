@@ -15,13 +15,17 @@ const STANDING: f64 = 0.5;
 const TURN: f64 = FRAC_PI_4;
 /// Drift across the lane from which a car moves over, metres.
 const DRIFT: f64 = 1.5;
+/// Steps before the contact at which a car that moved over before is settled, and drift that it may have in them, metres.
+const SETTLED_STEPS: usize = 15;
+const SETTLED: f64 = 0.3;
 /// Speed that a car which brakes loses within a second, and one that accelerates gains up to the contact, m/s.
 const CHANGE: f64 = 1.5;
 /// Steps over which speeds are averaged, and within which a car brakes.
 const SPEED_STEPS: usize = 3;
 const SECOND: usize = 10;
-/// Reach for the lane of a car, metres.
+/// Reach for the lane of a car, metres, and for a lane that it is on beside the one that it followed, where lanes part.
 const OWN_LANE: f64 = 3.0;
+const ON_LANE: f64 = 1.0;
 /// Reach for lanes that cross, metres.
 const CROSSING: f64 = 5.0;
 /// Largest angle between a car and its lane, and least angle of lanes that cross, rad.
@@ -37,7 +41,7 @@ pub enum Manoeuvre {
     TurnsLeft,
     /// The same to the right.
     TurnsRight,
-    /// It drifts 1.5 m or more to the left of the direction of its lane.
+    /// It drifts 1.5 m or more to the left of the direction of its lane, and not only until 1.5 s before.
     MovesLeft,
     /// The same to the right.
     MovesRight,
@@ -82,11 +86,15 @@ impl Manoeuvre {
         }
         let mut lane = None;
         let across = |w: &[OrientedBox]| {
-            let direction = followed_direction(&w[0], index, &mut lane).unwrap_or(first.axis);
-            cross(direction, sub(w[1].center, w[0].center))
+            let way = sub(w[1].center, w[0].center);
+            let direction = followed_direction(&w[0], way, index, &mut lane).unwrap_or(first.axis);
+            cross(direction, way)
         };
-        let drift: f64 = boxes.windows(2).map(across).sum();
-        if drift.abs() >= DRIFT {
+        let drifts: Vec<f64> = boxes.windows(2).map(across).collect();
+        let drift: f64 = drifts.iter().sum();
+        let late = &drifts[drifts.len().saturating_sub(SETTLED_STEPS)..];
+        let is_settled = late.len() == SETTLED_STEPS && late.iter().sum::<f64>().abs() < SETTLED;
+        if drift.abs() >= DRIFT && !is_settled {
             return if drift > 0.0 { Self::MovesLeft } else { Self::MovesRight };
         }
         let loses = |(k, speed): (usize, &f64)| {
@@ -101,12 +109,17 @@ impl Manoeuvre {
 
 /// Direction of the lane that a car follows: the nearest one along its heading.
 pub(super) fn lane_direction(area: &OrientedBox, index: &SceneIndex) -> Option<Point> {
-    followed_direction(area, index, &mut None)
+    followed_direction(area, area.axis, index, &mut None)
 }
 
-/// The same of a car that followed a lane (a map feature) before: it stays on it, or on one of its exits, as long as one is near,
-/// whatever other lanes merge there.
-fn followed_direction(area: &OrientedBox, index: &SceneIndex, lane: &mut Option<u32>) -> Option<Point> {
+/// The same of a car that goes on by `way` and followed a lane (a map feature) before: it stays on it, or on one of its exits, as long as
+/// one is near, whatever other lanes merge there. Where lanes part it is on the one that leads its way best.
+fn followed_direction(
+    area: &OrientedBox,
+    way: Point,
+    index: &SceneIndex,
+    lane: &mut Option<u32>,
+) -> Option<Point> {
     let lanes = index.motor_lanes();
     let along = |segment: &Segment| {
         let d = sub(segment.b, segment.a);
@@ -120,10 +133,27 @@ fn followed_direction(area: &OrientedBox, index: &SceneIndex, lane: &mut Option<
     };
     let same = before.and_then(|_| lanes.nearest(area.center, OWN_LANE, goes_on));
     let nearest = same.or_else(|| lanes.nearest(area.center, OWN_LANE, along))?;
-    let segment = &lanes.segments()[nearest.segment];
+    let is_on =
+        |segment: &&Segment| distance(segment.at(segment.nearest_share(area.center)), area.center) <= ON_LANE;
+    let reach = Aabb::around(area.center, ON_LANE);
+    let others = lanes.near(&reach).flatten().map(|k| &lanes.segments()[k]);
+    let others =
+        others.filter(|segment| along(segment) && norm(sub(segment.b, segment.a)) > 0.0).filter(is_on);
+    let off = |segment: &Segment| cross(direction(segment), way).abs();
+    let segment =
+        others.fold(
+            &lanes.segments()[nearest.segment],
+            |best, other| {
+                if off(other) < off(best) { other } else { best }
+            },
+        );
     *lane = Some(segment.feature);
-    let d = sub(segment.b, segment.a);
-    Some(d.map(|x| x / norm(d).max(1e-9)))
+    Some(direction(segment))
+}
+
+fn direction(segment: &Segment) -> Point {
+    let way = sub(segment.b, segment.a);
+    way.map(|x| x / norm(way).max(1e-9))
 }
 
 /// What a contact happens on.
@@ -231,6 +261,29 @@ mod tests {
         assert_eq!(Manoeuvre::of(&path, &map_of(&[curve])), Manoeuvre::DrivesOn);
         // Without a lane the same path is a drift.
         assert_eq!(Manoeuvre::of(&path, &map_of(&[])), Manoeuvre::MovesLeft);
+    }
+
+    #[test]
+    fn where_lanes_part_a_car_is_on_the_one_that_it_follows() {
+        let straight = vec![[-50.0, 0.0], [200.0, 0.0]];
+        let right = vec![[-50.0, -0.1], [0.0, -0.1], [100.0, -30.0]];
+        let path = boxes(|_| 8.0, |_| 0.0);
+        for lanes in [[straight.clone(), right.clone()], [right, straight]] {
+            assert_eq!(Manoeuvre::of(&path, &map_of(&lanes)), Manoeuvre::DrivesOn);
+        }
+    }
+
+    #[test]
+    fn a_lane_change_that_ended_long_before_does_not_count() {
+        let straight = map_of(&[vec![[-50.0, 0.0], [200.0, 0.0]], vec![[-50.0, 3.2], [200.0, 3.2]]]);
+        let change = |k: usize| match k {
+            0..10 => 0.2,
+            10..20 => -0.2,
+            _ => 0.0,
+        };
+        let path = boxes(|_| 16.0, change);
+        assert_eq!(Manoeuvre::of(&path[..25], &straight), Manoeuvre::MovesLeft);
+        assert_eq!(Manoeuvre::of(&path, &straight), Manoeuvre::DrivesOn, "2 s later");
     }
 
     #[test]

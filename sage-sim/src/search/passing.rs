@@ -4,10 +4,14 @@
 //! A driver passes if it is at fault in no contact with anybody, stays on the road, and makes *progress*: along its route
 //! from *now* on, at least half of what the reference driver does that prevents the contact, or, where none prevents it, of
 //! its own unattacked drive, or of the recording if it does less than half of that; all up to the contact of the driver under
-//! test. Where that is less than 5 m, progress is not asked. A contact that is not its fault, or whose fault is unknown,
+//! test. Where that is less than 5 m, progress is not asked, but of a driver that is less than half as fast *now* as the recording:
+//! the reference driver starts from its state, so it is compared with the recording. A contact that is not its fault, or whose fault is unknown,
 //! passes with a mark.
 
-use sage_core::motion::{NOW, Trajectory};
+use sage_core::{
+    geometry::norm,
+    motion::{NOW, Trajectory},
+};
 use serde::{Deserialize, Serialize};
 
 use super::Met;
@@ -131,8 +135,16 @@ impl TestDrive {
                 frames.map(|frame| route.locate(ego.point(frame), Localization::Nearest).along).collect(),
             )
         };
+        let slowed_before = || {
+            let ego = test.simulated().scene().ego();
+            let now = drive.motions.get(NOW).map_or(0.0, Motion::speed);
+            ego.valid[NOW] && now < SHARE * norm(ego.velocity[NOW])
+        };
         let (compared, with) = match prevention.by() {
-            Some(reference) => (progress(&prevention.motions), reference),
+            Some(reference) => match progress(&prevention.motions) {
+                short if short < SHORTEST && slowed_before() => (recorded(), RECORDING),
+                other => (other, reference),
+            },
             None => {
                 let (own, recorded) = (from_now(until_contact(test.unattacked())), recorded());
                 if own < SHARE * recorded { (recorded, RECORDING) } else { (own, UNATTACKED) }

@@ -84,7 +84,7 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
     let sign = at.next(svg, &format!("ego {}", content.ego));
     let (viewport, car) = sign_car(sign);
     road_users::role(svg, &viewport, &car, Role::Ego);
-    ramp(svg, at, Role::Ego.ramp(), "its trajectory");
+    ramp(svg, at, Role::Ego.ramp(), "its recording");
     if let Some(adversary) = content.adversary {
         let sign = at.next(svg, &format!("adversary {adversary}"));
         let (viewport, car) = sign_car(sign);

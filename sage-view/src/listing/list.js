@@ -41,7 +41,7 @@ const sorts = new Map(page.sorts.map(([key, label]) => [key, [label, () => {
   return items.map((f) => rank.get(sceneNames[f.scene]));
 }]]));
 const firstSort = page.sorts[0][0];
-const risesFirst = (key) => ["scene", "needed"].includes(key) || facets.some((facet) => facet.key === key);
+const risesFirst = (key) => ["scene", "needed", "latest_start"].includes(key) || facets.some((facet) => facet.key === key);
 const state = { text: "", sort: firstSort, rises: risesFirst(firstSort), showsAll: false, variant: 0 };
 
 const orders = new Map();

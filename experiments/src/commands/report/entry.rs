@@ -119,9 +119,9 @@ impl Entry {
     /// What happened, in one line.
     pub(super) fn words(&self) -> String {
         let fault = match self.at_fault {
-            Some(true) => "ego at fault",
-            Some(false) => "ego not at fault",
-            None => "fault unknown",
+            Some(true) => format!("ego at fault by nuPlan's rule ({})", self.fault.words()),
+            Some(false) => "ego not at fault".to_owned(),
+            None => "fault unknown".to_owned(),
         };
         let prevented = self.prevented_by.as_ref().map(|name| format!("{name} prevents it"));
         let not = Some(self.not_prevented_by.join(", ")).filter(|names| !names.is_empty()).map(|names| {

@@ -26,7 +26,7 @@ function fields() {
     head: (f) => [words(f.name), words(f.driver)],
     values: (f) => [
       ["contact", measured(f.contact_after, 1, " s"), "Time from now, the start of the attack, to the contact"], ["impact", measured(f.impact, 1, " m/s")],
-      ["latest start", measured(f.latest_start, 1, " s"), "How late before the contact an evasive manoeuvre, knowing the plan, could begin"],
+      ["latest start", measured(f.latest_start, 1, " s before"), "How late before the contact an evasive manoeuvre, knowing the plan, could begin: the smaller, the longer a driver could wait"],
       ["human time", measured(f.human_time, 1, " s") + (isShort(f) ? " (short)" : ""), "From the onset of the plan to the latest start; people need 0.75 s"], ["λ", measured(f.lambda, 2)],
     ],
     badge: (f) => [f.at_fault === true ? "at fault" : f.at_fault === false ? "not at fault" : "fault unknown", f.at_fault === true, `${inWords(f.fault)}; ${f.prevented_by ? `${words(f.prevented_by)} prevents it` : "no reference driver prevents it"}${f.not_prevented_by.length ? `, not ${f.not_prevented_by.map(words).join(", ")}` : ""}${f.without_attack ? `; ${words(f.without_attack)}` : ""}`],

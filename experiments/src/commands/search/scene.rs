@@ -110,7 +110,9 @@ impl OneScene<'_> {
         let source = |number| searcher.plans().source(number);
         let mut row = SceneRow::new(head, &searcher.options, &pool, &result, source);
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
-        row.unattacked_completion = test.unattacked_drive().completion;
+        let unattacked = test.unattacked_drive();
+        row.unattacked_completion = unattacked.completion;
+        row.unattacked_off_road = unattacked.is_off_road();
         let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
         row.unattacked_path = shown_part(test.unattacked()).iter().map(pose).collect();
         // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.

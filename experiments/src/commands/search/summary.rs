@@ -24,6 +24,8 @@ pub(super) struct Summary {
     reached: BTreeMap<Reason, usize>,
     /// Scenes with a contact without any attack.
     contacts_without_attack: usize,
+    /// Scenes in which the driver leaves the road without any attack.
+    off_road_without_attack: usize,
     /// Sum of the shares of the routes that are driven without an attack, and their number.
     completion: (f64, usize),
 }
@@ -48,6 +50,7 @@ impl Summary {
             reasons,
             reached,
             contacts_without_attack: 0,
+            off_road_without_attack: 0,
             completion: (0.0, 0),
         };
         for row in rows {
@@ -55,6 +58,7 @@ impl Summary {
             all.drives += row.drives;
             all.errors += row.errors;
             all.contacts_without_attack += usize::from(row.unattacked_contact.is_some());
+            all.off_road_without_attack += usize::from(row.unattacked_off_road == Some(true));
             if let Some(completion) = row.unattacked_completion {
                 all.completion.0 += completion;
                 all.completion.1 += 1;
@@ -128,6 +132,12 @@ impl Summary {
             let scenes = within(self.contacts_without_attack);
             lines.push(format!(
                 "  in {scenes} this driver has a contact without any attack: `sage simulate` shows it"
+            ));
+        }
+        if self.off_road_without_attack > 0 {
+            let scenes = within(self.off_road_without_attack);
+            lines.push(format!(
+                "warning: in {scenes} this driver leaves the road without any attack, which is no failure of a search: `sage simulate` shows it"
             ));
         }
         let (sum, scenes) = self.completion;

@@ -5,7 +5,7 @@ use sage_core::text::table::Table;
 use sage_run::{Outcome, output, progress, terminal};
 use sage_sim::search::{
     Met,
-    passing::{Asked, Shortfall, TestDrive},
+    passing::{self, Asked, Shortfall, TestDrive},
     suite::{Suite, SuiteTest},
 };
 use serde::{Deserialize, Serialize};
@@ -137,6 +137,10 @@ impl<'s> ResultRow<'s> {
                     Some(Shortfall::NoProgress) => {
                         let (made, compared, with) = (progress.made, progress.compared, &progress.with);
                         let met = if drive.contact.is_some() { fault() } else { met };
+                        let with = match &**with {
+                            passing::UNATTACKED => "no reference driver prevents it; its unattacked drive",
+                            other => other,
+                        };
                         format!(
                             "{made:.0} m of progress, at least {:.0} m are asked ({with}: {compared:.0} m); {met}",
                             progress.least()

@@ -27,7 +27,7 @@ pub(super) fn is_object(line: &[u8]) -> bool {
 fn object(line: &[u8], expected: &str) -> Result<Map<String, Value>, String> {
     let shown = shortened(line);
     let value: Value = serde_json::from_slice(line)
-        .map_err(|error| format!("it answered `{shown}`, which is no JSON ({error}); expected {expected}"))?;
+        .map_err(|error| format!("it answered `{shown}`, which is no JSON ({error}); expected {expected}, and logs on standard error"))?;
     let Value::Object(object) = value else {
         return Err(format!("it answered `{shown}`; expected {expected}"));
     };

@@ -35,10 +35,13 @@ pub(crate) struct NamedCandidate {
     pub(crate) ego: Option<EgoPaths>,
 }
 
+/// End of the name of the selected candidate of a row.
+pub(crate) const SELECTED: &str = ", selected";
+
 /// The candidates of a row of `sage generate`; the selected one alone if the run wrote no others.
 fn of_row(row: AttackRow<Vec<attack::CandidateRow<Vec<Point>>>>) -> Vec<CandidateRow> {
     let named = |k: usize, trajectory| CandidateRow {
-        name: if k == row.chosen { format!("{k}, selected") } else { k.to_string() },
+        name: if k == row.chosen { format!("{k}{SELECTED}") } else { k.to_string() },
         trajectory,
         ego: None,
     };

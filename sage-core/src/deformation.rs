@@ -113,6 +113,9 @@ fn ahead(a: Point, b: Point, multiple: f64) -> Point {
     [b[0] + multiple * (b[0] - a[0]), b[1] + multiple * (b[1] - a[1])]
 }
 
+/// Gain of a value from which a try is better: less is rounding, which is another where a scene is turned or lies elsewhere.
+pub const LEAST_GAIN: f64 = 1e-6;
+
 /// Chance of a number to be changed in a try.
 const CHANGED: f64 = 0.6;
 /// Size of the first change, in scales, and the factors after a success and a failure.

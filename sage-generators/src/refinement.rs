@@ -10,7 +10,7 @@
 use std::sync::Arc;
 
 use sage_core::{
-    deformation::{Deformable, Evolution},
+    deformation::{Deformable, Evolution, LEAST_GAIN},
     generator::Proposal,
     motion::Trajectory,
     objective::{
@@ -142,13 +142,14 @@ impl Refinement {
             if !is_within_limits(candidate.profile()) {
                 return false;
             }
-            // Only a believable hit is preferred to a plan of a larger value.
-            let least = match self.prefers_believable() && evaluation.is_unbelievable_hit() {
-                true => f64::NEG_INFINITY,
-                false => self.rank(evaluation, mu),
-            };
+            // Only a believable hit is preferred to a plan of a larger value, and only to a hit that is none.
+            let is_doubted = self.objective.spec().believable_first && evaluation.is_unbelievable_hit();
+            let value = self.rank(evaluation, mu);
+            let least = if is_doubted { f64::NEG_INFINITY } else { value + LEAST_GAIN };
             let Some(new) = self.objective.evaluate_above(least, &candidate, ctx, mu) else { return false };
-            let is_better = best_of(&[&*evaluation, &new], &self.objective, mu).chosen == 1
+            let gains = self.rank(&new, mu) > value + LEAST_GAIN;
+            let is_better = (gains || is_doubted && new.is_believable)
+                && best_of(&[&*evaluation, &new], &self.objective, mu).chosen == 1
                 && tight_turn(&candidate, TURN).is_none();
             if is_better {
                 *evaluation = new;
@@ -156,9 +157,5 @@ impl Refinement {
             }
             is_better
         });
-    }
-
-    fn prefers_believable(&self) -> bool {
-        self.objective.spec().believable_first
     }
 }

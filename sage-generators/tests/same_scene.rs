@@ -16,11 +16,12 @@ use sage_data::{
 };
 use sage_generators::{GeneratorInputs, generators};
 use sage_merging::{ExpertSet, mergers};
+use serde_json::{Value, json};
 
 /// Largest distance of two positions that count as the same, metres.
 const SAME: f64 = 0.01;
 
-fn sage() -> Box<dyn Generator> {
+fn sage(options: &Value) -> Box<dyn Generator> {
     let weights = Weights::Carried { name: "procedural", files: &sage_weights::PROCEDURAL };
     let (experts, _) = ExpertSet::load(&weights, &backbones().unwrap()).unwrap();
     let spec = ObjectiveSpec::preset("natural").unwrap();
@@ -31,7 +32,7 @@ fn sage() -> Box<dyn Generator> {
         seed: 0,
         selection: Arc::new(selection),
     };
-    generators().unwrap().build_default("sage").unwrap().build(&inputs).unwrap()
+    generators().unwrap().build("sage", options).unwrap().build(&inputs).unwrap()
 }
 
 /// The paths of the attacks at three operating points.
@@ -48,8 +49,8 @@ fn scenes() -> impl Iterator<Item = Scene> {
 }
 
 /// Compares the attacks of all scenes with those of the changed scenes, whose positions `back` maps back.
-fn check(change: impl Fn(&Scene) -> [Scene; 2], back: impl Fn(Point) -> Point) {
-    let sage = sage();
+fn check(options: &Value, change: impl Fn(&Scene) -> [Scene; 2], back: impl Fn(Point) -> Point) {
+    let sage = sage(options);
     let mut compared = 0;
     for scene in scenes() {
         let [given, changed] = change(&scene);
@@ -91,7 +92,8 @@ fn the_order_of_map_features_in_a_file_changes_no_attack() {
         Recording::from_bytes(Path::new(&id), bytes.unwrap()).unwrap().scene
     };
     for native in [false, true] {
-        check(|scene| [scene.clone(), reversed(scene)].map(|scene| read(scene, native)), |p| p);
+        let both = |scene: &Scene| [scene.clone(), reversed(scene)].map(|scene| read(scene.clone(), native));
+        check(&json!({}), both, |p| p);
     }
 }
 
@@ -102,7 +104,7 @@ fn full_turns_of_all_headings_change_no_attack() {
         scene.tracks.iter_mut().flat_map(|track| &mut track.heading).for_each(|heading| *heading += TAU);
         scene
     };
-    check(|scene| [scene.clone(), turned(scene)], |p| p);
+    check(&json!({"refine": []}), |scene| [scene.clone(), turned(scene)], |p| p);
 }
 
 /// The scene turned about the origin by an angle, then moved.
@@ -129,26 +131,32 @@ fn moved(scene: &Scene, turn: f64, by: Point) -> Scene {
 /// Candidates end on a lattice of 2 m in the target's frame and keep 6 m apart, so many pairs are exactly as far apart
 /// as the least distance. They are compared in the world frame, where rounding decides.
 const STAYS: f64 = 0.9;
+/// The same of refined attacks: tries that are as good as the plan before but for the rounding of the network are kept or not.
+const STAYS_REFINED: f64 = 0.85;
 
 #[test]
 fn most_scenes_elsewhere_or_turned_get_the_same_attack() {
-    let sage = sage();
-    let (mut same, mut compared) = (0, 0);
-    for (turn, by) in [(0.0, [1e5, 1e5]), (37_f64.to_radians(), [0.0; 2]), (2.0, [-3e4, 7e4])] {
-        let (sin, cos) = turn.sin_cos();
-        let back = |[x, y]: Point| {
-            let [x, y] = [x - by[0], y - by[1]];
-            [cos * x + sin * y, cos * y - sin * x]
-        };
-        for scene in scenes() {
-            let changed = attacks(&*sage, moved(&scene, turn, by));
-            for (path, other) in attacks(&*sage, scene).iter().zip(&changed) {
-                let stays = path.iter().zip(other).all(|(p, q)| distance(*p, back(*q)) <= SAME);
-                same += usize::from(stays);
-                compared += 1;
+    let same = |options: Value, least: f64| {
+        let sage = sage(&options);
+        let (mut same, mut compared) = (0, 0);
+        for (turn, by) in [(0.0, [1e5, 1e5]), (37_f64.to_radians(), [0.0; 2]), (2.0, [-3e4, 7e4])] {
+            let (sin, cos) = turn.sin_cos();
+            let back = |[x, y]: Point| {
+                let [x, y] = [x - by[0], y - by[1]];
+                [cos * x + sin * y, cos * y - sin * x]
+            };
+            for scene in scenes() {
+                let changed = attacks(&*sage, moved(&scene, turn, by));
+                for (path, other) in attacks(&*sage, scene).iter().zip(&changed) {
+                    let stays = path.iter().zip(other).all(|(p, q)| distance(*p, back(*q)) <= SAME);
+                    same += usize::from(stays);
+                    compared += 1;
+                }
             }
         }
-    }
-    assert!(compared >= 180, "{compared} attacks");
-    assert!(same as f64 >= STAYS * f64::from(compared), "{same} of {compared} attacks stay");
+        assert!(compared >= 180, "{compared} attacks");
+        assert!(same as f64 >= least * f64::from(compared), "{same} of {compared} attacks stay");
+    };
+    same(json!({"refine": []}), STAYS);
+    same(json!({}), STAYS_REFINED);
 }

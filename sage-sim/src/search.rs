@@ -54,8 +54,6 @@ use surrogate::Surrogate;
 
 /// Share of the budget for refined plans by default.
 pub const REFINE: f64 = 0.25;
-/// Refinements for each drive of the budget: not each finds a plan.
-const MOST_TRIES: usize = 4;
 
 /// Order in which plans are driven.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -112,9 +110,10 @@ impl SearchOptions {
         self.avoidable.check()
     }
 
-    /// Number of drives for refined plans.
-    fn refined_drives(&self) -> usize {
-        if self.order == Order::Surrogate { (self.refine * self.budget as f64) as usize } else { 0 }
+    /// Number of drives from which on plans are refined; none if they never are.
+    fn refined_from(&self) -> Option<usize> {
+        let refined = (self.refine * self.budget as f64) as usize;
+        (self.order == Order::Surrogate && refined > 0).then(|| self.budget - refined)
     }
 }
 
@@ -230,8 +229,7 @@ pub fn search(
     options.check()?;
     let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
     let mut surrogate = Surrogate::new(ctx, options.require);
-    let mut refiner = Refiner::new(ctx, seed)?;
-    let (refined, mut tries) = (options.refined_drives(), 0);
+    let mut refiner = Refiner::new(ctx, options, seed)?;
     let mut random: Vec<usize> = (0..pool.plans.len()).collect();
     Rng::new(seed, &ctx.scene().id, "search").shuffle(&mut random);
     let mut result =
@@ -246,13 +244,12 @@ pub fn search(
             Order::Random => random.iter().copied().find(is_open),
             Order::Pool => (0..pool.plans.len()).find(is_open),
         };
-        let is_refined_next =
-            next.is_none() && replan.is_none() || result.driven.len() + refined >= options.budget;
-        if is_refined_next && refined > 0 && result.failures.is_empty() && tries < MOST_TRIES * options.budget
+        let is_empty = next.is_none() && replan.is_none();
+        if let Some(refiner) = &mut refiner
+            && result.failures.is_empty()
+            && refiner.is_due(result.driven.len(), is_empty)
         {
-            tries += 1;
-            let plan = refiner.next(&pool.plans, rule, ctx)?;
-            next = plan.and_then(|(parent, plan)| pool.add_refined(ctx, plan, parent));
+            next = refiner.refine(pool, rule, ctx);
             if next.is_none() {
                 continue;
             }
@@ -288,7 +285,9 @@ pub fn search(
         };
         let evaluated = evaluator.evaluate(number, plan, &outcome, &path)?;
         surrogate.see_drive(number, &path);
-        refiner.see_drive(plan, &evaluated, &path);
+        if let Some(refiner) = &mut refiner {
+            refiner.see_drive(plan, &evaluated, &path);
+        }
         if evaluated.clauses.meet(options.require) {
             let (avoidable, circumstances) = evaluator.describe(plan, evaluated.contact.as_ref(), &path)?;
             let (drive, path) = (result.driven.len(), path.clone());

@@ -116,7 +116,7 @@ fn a_pool_takes_from_all_sources_in_turn_and_merges_what_is_alike() {
 
 #[test]
 fn every_order_drives_against_every_plan_once_and_finds_the_same() {
-    let all = |order| SearchOptions { order, budget: 1000, ..SearchOptions::default() };
+    let all = |order| SearchOptions { order, budget: 1000, refine: 0.0, ..SearchOptions::default() };
     for name in ["replay", "idm", "expert"] {
         let mut found = Vec::new();
         for order in [Order::Surrogate, Order::Random, Order::Pool] {
@@ -294,4 +294,41 @@ fn plans_are_evaluated_one_by_one_and_equal_ones_once() {
     let (_, whole) = searched("idm", &SearchOptions { budget: 1000, ..SearchOptions::default() });
     let same = evaluated[0].as_ref().unwrap();
     assert!(whole.driven.iter().any(|other| other.contact == same.contact && other.clauses == same.clauses));
+}
+
+#[test]
+fn what_the_pool_does_not_hold_is_refined_from_what_came_nearest() {
+    let scene = overtaken();
+    let driver = policy("constant-speed");
+    let test = AttackTest::new(&*driver, &scene, 0).unwrap();
+    let ctx = test.context().unwrap();
+    // They brake and move over, but not enough of both.
+    let miss = |brakes: f64, across: f64| {
+        let at = |step: usize| {
+            let (t, s) = (0.1 * step as f64, step as f64 / HORIZON as f64);
+            let lost = if t < 2.0 { 0.5 * brakes * t * t } else { brakes * (2.0 * t - 2.0) };
+            [40.0 + 10.0 * t - lost, 6.0 - across * s * s * (3.0 - 2.0 * s)]
+        };
+        Proposal::of(Trajectory::new("miss", (1..=HORIZON).map(at).collect()).unwrap())
+    };
+    let misses = || vec![miss(1.5, 3.4), miss(1.0, 3.0), miss(1.5, 2.0)];
+    let found = |refine: f64, order: Order| {
+        let mut pool = Pool::new(&ctx, &Anything, vec![misses()], 256);
+        let require = Requirement::of(&[Clause::Attack]);
+        let options = SearchOptions { budget: 12, require, refine, order, ..SearchOptions::default() };
+        let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, None).unwrap();
+        let refined: Vec<Option<usize>> =
+            result.driven.iter().map(|driven| pool.plans[driven.plan].refined_from).collect();
+        (result, refined, pool.plans.len())
+    };
+    let (plain, ..) = found(0.0, Order::Surrogate);
+    assert_eq!((plain.failures.len(), plain.driven.len()), (0, 3));
+    assert_eq!(found(0.75, Order::Random).0, found(0.0, Order::Random).0, "an order that does not learn");
+    let (result, refined, plans) = found(0.75, Order::Surrogate);
+    assert!(!result.failures.is_empty(), "{refined:?}");
+    assert_eq!(refined[..3], [None; 3], "the pool comes first");
+    let after = result.failures[0].drive + 1;
+    assert!(refined[3..after].iter().all(Option::is_some));
+    assert_eq!(plans, result.driven.len() + result.left);
+    assert_eq!(found(0.75, Order::Surrogate).0, result, "the same again");
 }

@@ -24,7 +24,9 @@ pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
         anyhow::bail!("`{}` has no frame {frame}; its last is {}", args.scene.display(), scene.frames - 1);
     }
     let scene = Arc::new(scene);
-    let candidates = args.candidates.as_deref().map(candidates::read).transpose()?.unwrap_or_default();
+    let mut candidates = args.candidates.as_deref().map(candidates::read).transpose()?.unwrap_or_default();
+    // The legend names the first few; a refined plan is the last.
+    candidates.sort_by_key(|candidate| !candidate.name.ends_with(candidates::SELECTED));
     let title = input::scene_name(&args.scene)?;
     let picture = Picture {
         title,

@@ -8,7 +8,7 @@
 
 use sage_core::{
     Error as CoreError,
-    deformation::{Deformable, Evolution},
+    deformation::{Deformable, Evolution, LEAST_GAIN},
     generator::Proposal,
     geometry::{distance, norm},
     motion::DT,
@@ -20,15 +20,16 @@ use sage_core::{
 };
 
 use super::{
-    AttackedPath, Clause, Evaluated, PoolPlan,
+    AttackedPath, Clause, Evaluated, Pool, PoolPlan, SearchOptions,
     onset::{REACTION, onset},
 };
-use crate::Error;
 
 /// The objective that rates a plan against a path of the ego.
 const NATURAL: &str = "natural";
 /// Tries of a refinement.
 const TRIES: usize = 100;
+/// Refinements for each drive of the budget.
+const TRIES_A_DRIVE: usize = 4;
 /// Value of a believable contact, of an ego that moves, and of its front meeting the adversary.
 const BONUS: f64 = 3.0;
 /// Speed from which the ego moves, m/s.
@@ -48,6 +49,10 @@ const NEAR: f64 = 10.0;
 pub(super) struct Refiner {
     objective: Objective,
     rng: Rng,
+    /// Number of drives from which on it refines.
+    from: usize,
+    /// Refinements that are left: not each finds a plan.
+    left: usize,
     parents: Vec<Parent>,
 }
 
@@ -61,17 +66,19 @@ struct Parent {
 }
 
 impl Refiner {
-    /// Refines in a scene, with random numbers of a seed.
+    /// Refines in a scene, with random numbers of a seed; `None` if the options ask for none.
     ///
     /// *Errors*: none; the objective is one of the shipped ones.
-    pub(super) fn new(ctx: &Context, seed: u64) -> Result<Self, CoreError> {
+    pub(super) fn new(ctx: &Context, options: &SearchOptions, seed: u64) -> Result<Option<Self>, CoreError> {
+        let Some(from) = options.refined_from() else { return Ok(None) };
         let spec = ObjectiveSpec::preset(NATURAL).ok_or(CoreError::Unknown {
             kind: "objective",
             name: NATURAL.to_owned(),
             known: Vec::new(),
         })?;
         let objective = Objective::new(&spec, &rewards()?, &feasibilities()?)?;
-        Ok(Self { objective, rng: Rng::new(seed, &ctx.scene().id, "refinement"), parents: Vec::new() })
+        let rng = Rng::new(seed, &ctx.scene().id, "refinement");
+        Ok(Some(Self { objective, rng, from, left: TRIES_A_DRIVE * options.budget, parents: Vec::new() }))
     }
 
     /// Takes notice of a drive.
@@ -82,23 +89,34 @@ impl Refiner {
         self.parents.push(Parent { plan: driven.plan, path: path.clone(), rank, had_contact });
     }
 
-    /// A new plan from the best parent, with the number of the parent's plan; `None` if no try is better than the parent's plan.
-    ///
-    /// *Errors*: a path of the driver that no context takes.
-    pub(super) fn next(
+    /// Whether the next plan is a refined one, after so many drives; the pool may have no plan left.
+    pub(super) fn is_due(&self, driven: usize, is_empty: bool) -> bool {
+        self.left > 0 && (is_empty || driven >= self.from)
+    }
+
+    /// Adds a refined plan to the pool and gives its number; `None` if none was found, or it is known.
+    pub(super) fn refine(&mut self, pool: &mut Pool, rule: &dyn Feasibility, ctx: &Context) -> Option<usize> {
+        self.left -= 1;
+        let (parent, plan) = self.next(&pool.plans, rule, ctx)?;
+        pool.add_refined(ctx, plan, parent)
+    }
+
+    /// A new plan from the best parent, with the number of the parent's plan; `None` if no try is better than the parent's plan, or
+    /// the driver's path is none that a plan can be held against.
+    fn next(
         &mut self,
         plans: &[PoolPlan],
         rule: &dyn Feasibility,
         ctx: &Context,
-    ) -> Result<Option<(usize, Proposal)>, Error> {
+    ) -> Option<(usize, Proposal)> {
         let best = (0..self.parents.len()).reduce(|best, other| {
             if self.parents[other].rank > self.parents[best].rank { other } else { best }
         });
-        let Some(best) = best else { return Ok(None) };
-        let Self { objective, rng, parents } = self;
+        let best = best?;
+        let Self { objective, rng, parents, .. } = self;
         let parent = &mut parents[best];
         parent.rank -= USED;
-        let ctx = parent.path.context(ctx)?;
+        let ctx = parent.path.context(ctx).ok()?;
         let plan = &plans[parent.plan].candidate;
         let value = |candidate: &Candidate, evaluation: &Evaluation| {
             objective.value(evaluation, 1.0) + bonus(candidate, evaluation, &ctx)
@@ -119,14 +137,14 @@ impl Refiner {
                 return false;
             };
             let value = value(&candidate, &evaluation);
-            let is_better = value > most && rule.is_feasible(&candidate, &ctx);
+            let is_better = value > most + LEAST_GAIN && rule.is_feasible(&candidate, &ctx);
             if is_better {
                 most = value;
                 found = Some(candidate.into_trajectory());
             }
             is_better
         });
-        Ok(found.map(|trajectory| (parent.plan, Proposal::of(trajectory))))
+        found.map(|trajectory| (parent.plan, Proposal::of(trajectory)))
     }
 }
 

@@ -72,6 +72,8 @@ pub(super) struct Explanation {
     pub(super) counts: CandidateCounts,
     /// Why the selected candidate is not believable, in words.
     pub(super) selected_unbelievable: Vec<String>,
+    /// Whether the selected candidate is refined: none of those that were proposed.
+    pub(super) is_refined: bool,
     /// The selected candidate, the best that is feasible and touches the ego, and the best of the others.
     pub(super) best: Vec<ValuedCandidate>,
 }
@@ -111,10 +113,17 @@ impl Explanation {
             outcome: counts.outcome(&all[attack.chosen].measured()),
             counts,
             selected_unbelievable: all[attack.chosen].unbelievable.iter().map(Reason::words).collect(),
+            is_refined: is_refined(attack),
             best: best(&evaluations, attack.chosen, objective, mu, |k| !all[k].unbelievable.is_empty()),
         };
         (explanation, kinds)
     }
+}
+
+/// A refined plan has no goal, those that it was refined from have.
+fn is_refined(attack: &Attack) -> bool {
+    let has_goal = |candidate: &Proposal| candidate.goal.is_some();
+    !has_goal(&attack.candidates[attack.chosen]) && attack.candidates.iter().any(has_goal)
 }
 
 /// The selected candidate, the best feasible hit, or an infeasible one without, then the best others: feasible ones first, as a selection ranks them.

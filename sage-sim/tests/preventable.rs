@@ -225,3 +225,24 @@ fn a_driver_at_thirty_percent_of_the_speed_of_the_reference_passes_no_test_that_
     }
     assert!(asked > 10, "{asked} tests ask for progress");
 }
+
+#[test]
+fn a_driver_that_brakes_before_now_passes_no_test_in_which_the_recording_drives_on() {
+    let tested = policy("constant", json!({"throttle": -1.0}));
+    let references = ["r157", "idm", "pdm", "expert"].map(named);
+    let mut asked = 0;
+    for (scene, plans) in scenes() {
+        let ego = scene.scene().ego();
+        let test = AttackTest::new(&*tested, &scene, 3).unwrap().with_references(&references);
+        let watching = test.watching().unwrap();
+        for plan in &plans {
+            let drive = TestDrive::new(&test, &watching, plan).unwrap();
+            let steps = drive.contact.as_ref().map_or(HORIZON, |met| met.step as usize);
+            if distance(ego.point(NOW), ego.point(NOW + steps)) > 10.0 && drive.progress.made < 2.0 {
+                asked += 1;
+                assert!(drive.shortfall(Asked::default()).is_some(), "{drive:?}");
+            }
+        }
+    }
+    assert!(asked > 5, "{asked} drives");
+}

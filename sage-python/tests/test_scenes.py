@@ -76,7 +76,7 @@ class Scenes(InFolder):
         self.assertEqual(again.html(), episode.html())
         again = pickle.loads(pickle.dumps(attack))
         for name in ("trajectory", "candidates", "log_probs", "goals"):
-            self.assertTrue(np.array_equal(getattr(again, name), getattr(attack, name)))
+            self.assertTrue(np.array_equal(getattr(again, name), getattr(attack, name), equal_nan=True), name)
         self.assertEqual((again.scores, again.candidate_scores), (attack.scores, attack.candidate_scores))
         self.assertTrue(np.array_equal(again.scene.positions, attack.scene.positions))
         scene = pickle.loads(pickle.dumps(self.scene))

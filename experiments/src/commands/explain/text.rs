@@ -54,7 +54,7 @@ fn values(one: &Explanation) -> String {
     let row = |candidate: &ValuedCandidate| {
         let mut name = candidate.number.to_string();
         if candidate.is_chosen {
-            name += if one.is_refined { ", selected (refined)" } else { ", selected" };
+            name += if one.is_refined { ", refined" } else { ", selected" };
         }
         if !candidate.feasible {
             name += ", infeasible";

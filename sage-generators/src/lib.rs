@@ -34,7 +34,8 @@
 //! let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
 //! let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
 //! let attacks = sage.attacks(&ctx, &[0.0, 1.0].map(|lambda| OperatingPoint::at(lambda, lambda)), 0)?;
-//! assert_eq!((attacks.len(), attacks[1].candidates.len()), (2, 48));
+//! // At λ = 1 the selected one of 48 candidates is refined: a further candidate.
+//! assert_eq!((attacks[0].candidates.len(), attacks[1].candidates.len()), (48, 49));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

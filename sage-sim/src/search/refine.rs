@@ -2,7 +2,7 @@
 //!
 //! The parent is the drive that met the most clauses, or came nearest, less what it was used before. Its ego path is frozen, and an
 //! evolution strategy over deformations of the plan ([`sage_core::deformation`]) maximises the objective `natural` at μ = 1, with
-//! bonuses for what makes a failure: a believable contact, a moving ego whose front meets the adversary, time to react, and
+//! bonuses for what makes a failure: a believable contact, a moving ego whose front meets the adversary, time from the onset on, and
 //! nearness to the parent's plan, because the driver does the same only as long as it sees the same. What comes out is driven
 //! like any other plan; the reference drivers are asked only then.
 

@@ -150,6 +150,8 @@ const LIMITS: [(&str, &[&str]); 33] = [
 ];
 /// Work that is a product of two lists of a file, and what bounds it.
 const PRODUCTS: &str = include_str!("products.table");
+/// Kinds of warnings about scenes.
+const WARNINGS: &str = include_str!("warnings.table");
 
 /// The value of a constant and what is said of it.
 fn constant(file: &str, name: &str) -> (String, String) {
@@ -207,4 +209,38 @@ fn limits() {
     let about = "Limits of what is read and made, so that memory and time stay bounded whatever a file holds \
         ([security](../../SECURITY.md)).";
     check("limits.md", "Limits", about, &body);
+}
+
+#[test]
+fn warnings() {
+    let mut body = String::new();
+    let (mut group, mut kinds) = ("", Vec::new());
+    for line in WARNINGS.lines().filter(|line| !line.starts_with('#')) {
+        let [of, kind, text] = line.split(" | ").collect::<Vec<_>>().try_into().unwrap();
+        if of != group {
+            let _ = write!(body, "\n## {of}\n\n| warning | what it means |\n| --- | --- |\n");
+            group = of;
+        }
+        let _ = writeln!(body, "| `{kind}` | {text} |");
+        kinds.push(kind);
+    }
+    // Every kind that the reader can give is on the page.
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let files = ["sage-data/src/checks.rs", "sage-data/src/contradictions.rs", "sage-data/src/headings.rs"];
+    let mut found = 0;
+    for file in files.iter().chain(&["sage-core/src/scene/note.rs"]) {
+        let text = fs::read_to_string(root.join(file)).unwrap();
+        let text = text.split("#[cfg(test)]").next().unwrap();
+        for begin in ["warn(\"", ".warning(\"", "Warning::new(\"", "=> \""] {
+            let names = text.split(begin).skip(1).filter_map(|rest| rest.split('"').next());
+            for name in names.filter(|name| name.contains('-') && !name.contains(' ')) {
+                assert!(kinds.contains(&name), "{file}: the warning `{name}` is not in warnings.table");
+                found += 1;
+            }
+        }
+    }
+    assert!(found > 25, "{found} kinds found in the sources");
+    let about = "Nothing is repaired silently, and a warning stops no command. `sage inspect` prints all; `score`, `predict`, `generate`, \
+        `simulate` and `bench` print and count those that change a result.";
+    check("warnings.md", "Warnings about scenes", about, &body);
 }

@@ -175,6 +175,25 @@ impl Scene {
         })
     }
 
+    /// The scene without some road users: ego, adversary and those that `stays` names by their index stay.
+    pub fn among(&self, stays: impl Fn(usize) -> bool) -> Self {
+        let is_role = |track: usize| track == self.ego || Some(track) == self.adversary;
+        let left: Vec<usize> = (0..self.tracks.len()).filter(|k| is_role(*k) || stays(*k)).collect();
+        let place = |track: usize| left.iter().position(|k| *k == track);
+        let held = self.held.iter().filter_map(|held| {
+            let mut held = held.clone();
+            held.track = place(held.track)?;
+            Some(held)
+        });
+        Self {
+            tracks: left.iter().map(|track| self.tracks[*track].clone()).collect(),
+            ego: place(self.ego).unwrap_or_default(),
+            adversary: self.adversary.and_then(place),
+            held: held.collect(),
+            ..self.clone()
+        }
+    }
+
     /// The car under test.
     pub fn ego(&self) -> &Track {
         &self.tracks[self.ego]

@@ -177,11 +177,11 @@ pub(crate) fn scenario(recording: &Recording) -> Result<(String, String, String)
     Ok((network.file_name(), network.xml.clone(), scenario))
 }
 
-fn without_run(mut row: Value) -> Value {
+pub(crate) fn without_run(mut row: Value) -> Value {
     if let Some(fields) = row.as_object_mut() {
         fields.retain(|name, _| !OF_RUN.contains(&&**name));
         // Rows of failures are files of the run too.
-        for named in ["worst", "mildest"] {
+        for named in ["worst", "mildest", "likeliest"] {
             if let Some(failure) = fields.get_mut(named).and_then(Value::as_object_mut) {
                 failure.remove("row");
             }

@@ -17,7 +17,7 @@ use sage_run::Result;
 use sage_sim::{
     Error, PlannerLog, SimScene,
     attack_test::AttackTest,
-    search::{MOST_PLANS, Order, REFINE, Reason, Requirement, SearchOptions},
+    search::{Explained, MOST_PLANS, Order, REFINE, Reason, Requirement, SearchOptions},
 };
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -138,7 +138,7 @@ fn word<T: DeserializeOwned>(what: &str, text: &str, known: &str) -> PyResult<T>
 #[pyfunction]
 #[pyo3(signature = (scenes, ego, *, method=None, weights=None, lambda_=None, aggression=None, mix=None, mu=None, selection="natural",
     feasibility=None, merger="linear", options=None, budget=64, require=None, references=None, first=false, order="surrogate",
-    refine=REFINE, plans=MOST_PLANS, seed=0, threads=None))]
+    refine=REFINE, explain_failures="mildest", plans=MOST_PLANS, seed=0, threads=None))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn search_each(
     py: Python<'_>,
@@ -160,6 +160,7 @@ pub(crate) fn search_each(
     first: bool,
     order: &str,
     refine: f64,
+    explain_failures: &str,
     #[pyo3(from_py_with = crate::seed::count)] plans: usize,
     #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
     #[pyo3(from_py_with = crate::seed::optional_count)] threads: Option<usize>,
@@ -171,6 +172,7 @@ pub(crate) fn search_each(
     let require = require.map(str::parse::<Requirement>).transpose().map_err(OptionError::new_err)?;
     let require = require.unwrap_or_default();
     let order: Order = word("order", order, "surrogate, random, pool")?;
+    let explain: Explained = word("explain_failures", explain_failures, "none, mildest, all")?;
     if budget == 0 || plans == 0 {
         return Err(OptionError::new_err(format!(
             "budget is {budget} and plans {plans}; expected at least 1 of each"
@@ -196,7 +198,8 @@ pub(crate) fn search_each(
     let spec = SearchSpec { generator: GeneratorSpec { seed, ..spec(&keywords)? }, plans };
     let threads = self::threads(threads)?;
     let scenes = iterator(scenes)?;
-    let options = SearchOptions { budget, require, first, order, refine, ..SearchOptions::default() };
+    let options =
+        SearchOptions { budget, require, first, order, refine, explain, ..SearchOptions::default() };
     let is_python = driver.planner.is_some();
     let searcher = Arc::new(detached(py, || {
         let named = spec.build(registries()?)?;

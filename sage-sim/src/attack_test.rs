@@ -91,6 +91,16 @@ impl<'p> AttackTest<'p> {
         self
     }
 
+    /// The same test in the scene without some road users: ego, adversary and those that `stays` names by their number stay. The
+    /// unattacked drive is made anew.
+    ///
+    /// *Errors*: the policy cannot drive there.
+    pub fn among(&self, stays: impl Fn(usize) -> bool) -> Result<Self, Error> {
+        let scene = self.scene.on_same_map(Arc::new(self.scene().among(stays)))?;
+        let test = Self::new(self.policy, &scene, self.seed)?;
+        Ok(test.with_references(self.references).with_fault(self.fault))
+    }
+
     /// The reference drivers, which have watched the drive up to *now*.
     ///
     /// *Errors*: the scene has no adversary.

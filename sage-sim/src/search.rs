@@ -12,6 +12,7 @@
 pub mod circumstances;
 pub mod clauses;
 pub mod evaluation;
+pub mod explanation;
 pub mod features;
 pub mod manoeuvre;
 mod met;
@@ -25,6 +26,8 @@ mod surrogate;
 pub mod threshold;
 pub mod transfer;
 
+use std::cmp::Ordering;
+
 use sage_core::{
     Error as CoreError,
     generator::Proposal,
@@ -37,11 +40,13 @@ use crate::{
     Error,
     attack_test::AttackTest,
     avoidable::{Avoidable, AvoidanceOptions},
+    policy::Shown,
 };
 
 pub use circumstances::Circumstances;
 pub use clauses::{Clause, Clauses, Reason, Requirement};
 pub use evaluation::{AttackedPath, Evaluated, PlanDrives};
+pub use explanation::{Deviation, Explained, Explanation};
 pub use features::Features;
 pub use met::Met;
 pub use metrics::{MeasuredSearch, MeasuredThreshold, search_metrics, threshold_metrics};
@@ -49,6 +54,7 @@ pub use pool::{MOST_PLANS, Pool, PoolCounts, PoolPlan};
 pub use transfer::{MeasuredTransfer, transfer_metrics};
 
 use evaluation::Evaluator;
+use explanation::Explainer;
 use refine::Refiner;
 use surrogate::Surrogate;
 
@@ -83,6 +89,8 @@ pub struct SearchOptions {
     /// Share of the budget, at its end, for plans that are refined against what the driver did, 0 to 1: until the first failure, and
     /// earlier if the pool has no plan left. Only an order that learns from drives has them.
     pub refine: f64,
+    /// Which failures are explained, by drives beyond the budget; none by default, as measurements need.
+    pub explain: Explained,
     /// The search for an evasive manoeuvre.
     pub avoidable: AvoidanceOptions,
 }
@@ -95,6 +103,7 @@ impl Default for SearchOptions {
             first: false,
             order: Order::Surrogate,
             refine: REFINE,
+            explain: Explained::None,
             avoidable: AvoidanceOptions::default(),
         }
     }
@@ -128,6 +137,12 @@ pub struct Failure {
     pub avoidable: Avoidable,
     /// Where the adversary comes from, lights, lines and the right of way.
     pub circumstances: Option<Circumstances>,
+    /// How its plan differs from the recording; `None` if the adversary is not recorded up to the contact.
+    pub deviation: Option<Deviation>,
+    /// What explains it, if that was asked.
+    pub explanation: Option<Explanation>,
+    /// What the driver showed of its steps.
+    pub shown: Vec<Shown>,
 }
 
 /// What a search found in a scene.
@@ -169,18 +184,34 @@ impl SearchResult {
         self.failures.iter().reduce(|best, other| if reward(other) > reward(best) { other } else { best })
     }
 
-    /// The failure that is likeliest under the prior, then the one with the least kinematic penalty, then the first.
+    /// The failure whose adversary is driven least differently from the recording ([`Deviation::acceleration`]), then the likeliest,
+    /// then the first.
     pub fn mildest(&self, pool: &Pool) -> Option<&Failure> {
-        let strain = |failure: &Failure| {
-            let plan = &pool.plans[self.driven[failure.drive].plan];
-            // A plan of unknown likelihood comes after all others.
-            let nll = plan.proposal.nll.unwrap_or(f64::INFINITY);
-            (nll, kinematic_penalty(plan.candidate.profile()))
+        let difference = |failure: &Failure| failure.deviation.map_or(f64::INFINITY, |d| d.acceleration);
+        self.least(|failure| {
+            let [nll, strain] = self.strain(failure, pool);
+            [difference(failure), nll, strain]
+        })
+    }
+
+    /// The failure that is likeliest under the prior, then the one with the least kinematic penalty, then the first.
+    pub fn likeliest(&self, pool: &Pool) -> Option<&Failure> {
+        self.least(|failure| self.strain(failure, pool))
+    }
+
+    /// Negative log-likelihood and kinematic penalty. A plan of unknown likelihood comes after all others.
+    fn strain(&self, failure: &Failure, pool: &Pool) -> [f64; 2] {
+        let plan = &pool.plans[self.driven[failure.drive].plan];
+        [plan.proposal.nll.unwrap_or(f64::INFINITY), kinematic_penalty(plan.candidate.profile())]
+    }
+
+    /// The failure with the least key, by its numbers in turn; the first of equals.
+    fn least<const N: usize>(&self, key: impl Fn(&Failure) -> [f64; N]) -> Option<&Failure> {
+        let is_less = |a: &Failure, b: &Failure| {
+            let pairs = key(a).into_iter().zip(key(b));
+            pairs.fold(Ordering::Equal, |order, (a, b)| order.then(a.total_cmp(&b))).is_lt()
         };
-        let is_milder = |a: (f64, f64), b: (f64, f64)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)).is_lt();
-        self.failures
-            .iter()
-            .reduce(|best, other| if is_milder(strain(other), strain(best)) { other } else { best })
+        self.failures.iter().reduce(|best, other| if is_less(other, best) { other } else { best })
     }
 }
 
@@ -291,7 +322,12 @@ pub fn search(
         if evaluated.clauses.meet(options.require) {
             let (avoidable, circumstances) = evaluator.describe(plan, evaluated.contact.as_ref(), &path)?;
             let (drive, path) = (result.driven.len(), path.clone());
-            result.failures.push(Failure { drive, path, avoidable, circumstances });
+            let contact = evaluated.contact.as_ref().and_then(|met| usize::try_from(met.step).ok());
+            let deviation = contact.and_then(|step| Deviation::of(ctx, &plan.candidate, step));
+            let explanation = None;
+            let shown = outcome.episode.drive.shown.iter().map(Shown::rounded).collect();
+            let failure = Failure { drive, path, avoidable, circumstances, deviation, explanation, shown };
+            result.failures.push(failure);
         }
         result.driven.push(evaluated);
         newest = Some(path);
@@ -302,22 +338,37 @@ pub fn search(
     result.left = is_driven.iter().filter(|is| !**is).count();
     // A generator that plans anew could have gone on.
     let is_cut = result.left > 0 || replan.is_some() && result.driven.len() >= options.budget;
-    result.explain(options.require, is_cut);
+    result.say_why(options.require, is_cut);
+    let explainer = Explainer { test, ctx, rule, evaluator: &evaluator, options };
+    for number in result.to_explain(options.explain, pool) {
+        let failure = &result.failures[number];
+        let evaluated = &result.driven[failure.drive];
+        let explanation = explainer.explain(&pool.plans[evaluated.plan], evaluated, failure)?;
+        result.failures[number].explanation = Some(explanation);
+    }
     Ok(result)
 }
 
 impl SearchResult {
+    /// Numbers of the failures that are explained.
+    fn to_explain(&self, explained: Explained, pool: &Pool) -> Vec<usize> {
+        match explained {
+            Explained::None => Vec::new(),
+            Explained::All => (0..self.failures.len()).collect(),
+            Explained::Mildest => {
+                let mildest = self.mildest(pool).map(|failure| failure.drive);
+                self.failures.iter().position(|failure| Some(failure.drive) == mildest).into_iter().collect()
+            }
+        }
+    }
+
     /// Says why there is no failure.
-    fn explain(&mut self, requirement: Requirement, is_cut: bool) {
+    fn say_why(&mut self, requirement: Requirement, is_cut: bool) {
         if !self.failures.is_empty() {
             return;
         }
-        let without_error = || self.driven.iter().filter(|evaluated| evaluated.error.is_none());
-        let best = without_error().map(|evaluated| {
-            let met = evaluated.contact.is_some();
-            let missing = evaluated.clauses.first_missing(requirement).unwrap_or(Clause::Preventable);
-            if missing == Clause::Attack && !met { Reason::NeverHit } else { Reason::missing(missing) }
-        });
+        let without_error = self.driven.iter().filter(|evaluated| evaluated.error.is_none());
+        let best = without_error.map(|evaluated| evaluated.missing(requirement).unwrap_or(Reason::Budget));
         self.reached = best.max();
         self.reason = Some(match self.reached {
             None if self.driven.is_empty() => Reason::NoFeasiblePlan,

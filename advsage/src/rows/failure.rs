@@ -3,7 +3,8 @@
 use sage_core::motion::Trajectory;
 use sage_sim::{
     avoidable::Avoidable,
-    search::{Circumstances, Evaluated, Pool, SearchResult},
+    policy::Shown,
+    search::{Circumstances, Deviation, Evaluated, Explanation, Failure, Pool, SearchResult},
 };
 use serde::{Deserialize, Serialize};
 
@@ -40,6 +41,18 @@ pub struct FailureRow {
     pub evaluated: EvaluatedRow,
     /// Where the adversary comes from, red lights, solid lines and the right of way.
     pub circumstances: Option<Circumstances>,
+    /// How the plan differs from the recording of the adversary.
+    #[serde(default)]
+    pub deviation: Option<Deviation>,
+    /// What explains the failure, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sentence: Option<String>,
+    /// What explains it, if that was asked: `--explain-failures`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub explanation: Option<Explanation>,
+    /// What the driver showed of its steps: plans and logs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub shown: Vec<Shown>,
     /// Box centre and heading of the ego at frames 0 to *now*.
     pub ego_history: Vec<[f64; 3]>,
     /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
@@ -67,6 +80,12 @@ impl FailureOf<'_> {
     }
 }
 
+/// A failure of a driver in words, if it is explained.
+pub(super) fn sentence(ego: &str, evaluated: &Evaluated, failure: &Failure) -> Option<String> {
+    let after = evaluated.contact.as_ref()?.step as f64 / 10.0;
+    Some(failure.explanation.as_ref()?.sentence(ego, after, failure.deviation.as_ref()))
+}
+
 impl FailureRow {
     /// The row of a failure without its files; `source` is that of its plan.
     pub fn new(
@@ -89,6 +108,10 @@ impl FailureRow {
             plan: PlanRow::new(pool, evaluated.plan, source),
             evaluated: EvaluatedRow::of(evaluated),
             circumstances: failure.circumstances,
+            deviation: failure.deviation,
+            sentence: sentence(&head.ego, evaluated, failure),
+            explanation: failure.explanation.clone(),
+            shown: failure.shown.clone(),
             ego_history: failure.path.history.to_vec(),
             ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
             avoidable: failure.avoidable.clone(),

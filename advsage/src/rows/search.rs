@@ -10,14 +10,15 @@ use sage_core::{
 use sage_sim::{
     reference::Answer,
     search::{
-        Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement, SearchOptions,
-        SearchResult,
+        Clause, Clauses, Deviation, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement,
+        SearchOptions, SearchResult,
     },
 };
 use serde::{Deserialize, Serialize};
 
 use super::{
     ROW_LIMIT,
+    failure::sentence,
     plan::{PlanRow, REFINED},
 };
 use crate::operating_point::RowKey;
@@ -108,8 +109,10 @@ pub struct SceneRow {
     pub unattacked_path: Vec<[f64; 3]>,
     /// The failure with the largest reward.
     pub worst: Option<FoundFailure>,
-    /// The failure that is likeliest under the prior.
+    /// The failure whose adversary is driven least differently from the recording.
     pub mildest: Option<FoundFailure>,
+    /// The failure that is likeliest under the prior.
+    pub likeliest: Option<FoundFailure>,
 }
 
 /// Plans of a scene.
@@ -138,6 +141,11 @@ pub struct FoundFailure {
     clauses: Clauses,
     reward: f64,
     latest_start: Option<f64>,
+    /// How its plan differs from the recording of the adversary.
+    deviation: Option<Deviation>,
+    /// What explains it, in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sentence: Option<String>,
 }
 
 /// What an attacked drive was found to be.
@@ -222,6 +230,8 @@ impl SceneRow {
                 clauses: evaluated.clauses,
                 reward: evaluated.reward,
                 latest_start: evaluated.latest_start,
+                deviation: failure.deviation,
+                sentence: sentence(&head.ego, evaluated, failure),
             }
         };
         let mut sources = BTreeMap::new();
@@ -255,6 +265,7 @@ impl SceneRow {
             unattacked_path: Vec::new(),
             worst: result.worst().map(found),
             mildest: result.mildest(pool).map(found),
+            likeliest: result.likeliest(pool).map(found),
             head,
         }
     }
@@ -313,6 +324,11 @@ impl SceneRow {
     /// Number of the mildest failure.
     pub fn mildest(&self) -> Option<usize> {
         self.mildest.as_ref().map(|failure| failure.number)
+    }
+
+    /// Number of the likeliest failure.
+    pub fn likeliest(&self) -> Option<usize> {
+        self.likeliest.as_ref().map(|failure| failure.number)
     }
 
     /// What came of the search, in words.
@@ -398,6 +414,8 @@ impl SceneRow {
         };
         let time = seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s));
         let before = self.contact_without_attack().map_or(String::new(), |contact| format!("; {contact}"));
-        format!("{}: {found}{errors}{before} ({time})", escaped_name(&self.head.scene))
+        let sentence = self.mildest.as_ref().and_then(|failure| failure.sentence.as_ref());
+        let sentence = sentence.map_or(String::new(), |words| format!("\n  {}", escaped_name(words)));
+        format!("{}: {found}{errors}{before} ({time}){sentence}", escaped_name(&self.head.scene))
     }
 }

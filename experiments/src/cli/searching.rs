@@ -10,7 +10,7 @@ use clap::{
 use sage_data::dataset::Shard;
 use sage_sim::{
     fault::FaultRule,
-    search::{MOST_PLANS, Order, REFINE, Requirement},
+    search::{Explained, MOST_PLANS, Order, REFINE, Requirement},
 };
 
 use super::{
@@ -34,7 +34,7 @@ use super::{
 /// `adv-traj-opt` and `rule` plan anew against the newest drive.
 ///
 /// The output folder holds a JSON row and a picture per scene, a JSON file of all its drives, and for each failure a row and the
-/// files of the attacked scene, as `sage generate` writes them. `docs/testing-a-driver.md`, section 'What a search writes', describes
+/// files of the attacked scene, as `sage generate` writes them. The mildest failure of a scene is explained in words (--explain-failures). `docs/testing-a-driver.md`, section 'What a search writes', describes
 /// all files. Scenes run in parallel; the same command resumes an interrupted run, and another --budget continues one.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -79,6 +79,10 @@ pub(crate) struct SearchArgs {
     /// with the order `surrogate`.
     #[arg(long, help_heading = SEARCH, value_name = "SHARE", default_value_t = REFINE, value_parser = share)]
     pub refine: f64,
+    /// Failures that are explained, by some ten drives more: with less of the difference from the recording, and without other road
+    /// users. `mildest` is the one whose adversary is driven least differently from the recording.
+    #[arg(long, help_heading = SEARCH, value_name = "WHICH", value_enum, default_value = "mildest")]
+    pub explain_failures: ExplainArg,
     /// Search the plans of this generator, by its name in `sage list`, instead of the default ones.
     #[arg(long, help_heading = ATTACK, value_name = "NAME")]
     pub method: Option<Part>,
@@ -105,6 +109,24 @@ pub(crate) struct SearchArgs {
     pub folder: FolderArgs,
     #[command(flatten)]
     pub reading: ReadingArgs,
+}
+
+/// Names of [`Explained`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ExplainArg(pub Explained);
+
+impl ValueEnum for ExplainArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self(Explained::None), Self(Explained::Mildest), Self(Explained::All)]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self.0 {
+            Explained::None => "none",
+            Explained::Mildest => "mildest",
+            Explained::All => "all",
+        }))
+    }
 }
 
 /// Names of [`Order`].

@@ -22,11 +22,15 @@ use super::{
 Example:
   sage search scenes/ --ego idm --out idm/
   sage search scenes/ --ego expert --out expert/
-  sage report idm/ expert/ --out report/")]
+  sage report idm/ expert/ --out report/
+  sage report --compare tests-of-v1/ tests-of-v2/ --out compared/")]
 pub(crate) struct FailureReportArgs {
-    /// Output folders of `sage search`.
+    /// Output folders of `sage search`; with --compare two of `sage test --out`.
     #[arg(required = true, value_name = "SEARCH")]
     pub searches: Vec<PathBuf>,
+    /// Compare two outputs of `sage test --out` on one suite: what is fixed, what fails anew, and both drives in one player.
+    #[arg(long, conflicts_with = "keep")]
+    pub compare: bool,
     /// Failures of each scene that are shown.
     #[arg(long, value_enum, default_value_t = Keep::All)]
     pub keep: Keep,
@@ -49,7 +53,7 @@ pub(crate) struct SuiteArgs {
     /// Output folders of `sage search`. All must require the same clauses.
     #[arg(required = true, value_name = "SEARCH")]
     pub searches: Vec<PathBuf>,
-    /// Failures of each scene that are kept (default: worst; with --diverse all).
+    /// Failures of each scene that are kept (default: mildest; with --diverse all).
     #[arg(long, help_heading = SELECTION, value_enum)]
     pub keep: Option<Keep>,
     /// Keep at most N of these, as different as possible: by type of the collision, relative heading and speed, what both cars
@@ -66,10 +70,12 @@ pub(crate) struct SuiteArgs {
 /// Failures of a scene that are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Keep {
+    /// The one whose adversary is driven least differently from the recording.
+    Mildest,
     /// The one with the largest reward.
     Worst,
     /// The likeliest one under the prior.
-    Mildest,
+    Likeliest,
     /// All.
     All,
 }
@@ -85,6 +91,7 @@ pub(crate) enum Keep {
 Examples:
   sage test suite/ --ego expert
   sage test suite/ --ego 'cmd:python3 my_planner.py' --junit report.xml
+  sage test suite/ --ego idm --out tests/
   sage test suite/ --ego idm --json > today.jsonl
   sage test suite/ --ego idm --baseline yesterday.jsonl")]
 pub(crate) struct TestArgs {
@@ -105,6 +112,9 @@ pub(crate) struct TestArgs {
     /// Results of an earlier run (--json): a test that failed there at the same plan is excused; new tests and errors count.
     #[arg(long, help_heading = RUN, value_name = "FILE")]
     pub baseline: Option<PathBuf>,
+    /// Also write a page that plays all tests into this folder, with the results, which `sage report --compare` compares.
+    #[arg(long, help_heading = OUTPUT, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     /// Also write the results as JUnit XML, which build servers read.
     #[arg(long, help_heading = OUTPUT, value_name = "FILE")]
     pub junit: Option<PathBuf>,

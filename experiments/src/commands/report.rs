@@ -1,6 +1,6 @@
 //! `sage report`: a page of what searches have found, from their rows alone.
 
-mod drives;
+pub(super) mod drives;
 mod entry;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -78,12 +78,15 @@ struct OfScene<'a> {
 }
 
 pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
+    if args.compare {
+        return super::test::page::compare(&args.searches, &args.folder.out, args.folder.force);
+    }
     let searches: Vec<Found> =
         args.searches.iter().map(|folder| Found::read(folder)).collect::<Result<_>>()?;
     let count: usize = searches.iter().flat_map(|search| &search.rows).map(|row| args.keep.count(row)).sum();
     ensure!(
         count <= MOST,
-        "the searches hold {count} failures; a page shows at most {MOST}: give --keep worst"
+        "the searches hold {count} failures; a page shows at most {MOST}: give --keep mildest"
     );
     let rows = || searches.iter().flat_map(|search| search.rows.iter().map(move |row| (search, row)));
     for (search, row) in rows().filter(|(_, row)| row.failures() > 0) {
@@ -222,7 +225,10 @@ fn of_scene<'a>(
     let recording = Recording::from_bytes(&source, bytes)?;
     let scene = FailureScene::new(&recording, row.adversary())?;
     let (mut entries, mut area) = (Vec::new(), None::<Aabb>);
-    for (k, numbers) in keep.numbers(row).chunks(MOST_OF_SCENE).enumerate() {
+    let mut numbers = keep.numbers(row);
+    // The mildest and the worst one are side by side with the drive without an attack.
+    numbers.sort_by_key(|number| (Some(*number) != row.mildest(), Some(*number) != row.worst()));
+    for (k, numbers) in numbers.chunks(MOST_OF_SCENE).enumerate() {
         let page = if k == 0 { format!("{name}.html") } else { format!("{name}.{}.html", k + 1) };
         let read = |number: &usize| Ok((*number, search.failure(row, *number)?));
         let failures: Vec<(usize, FailureRow)> = numbers.iter().map(read).collect::<Result<_>>()?;

@@ -113,6 +113,7 @@ impl Keep {
             Self::All => (1..=row.failures()).collect(),
             Self::Worst => row.worst().into_iter().collect(),
             Self::Mildest => row.mildest().into_iter().collect(),
+            Self::Likeliest => row.likeliest().into_iter().collect(),
         }
     }
 

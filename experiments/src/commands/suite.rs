@@ -98,7 +98,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     }
     ensure!(
         candidates.len() <= MOST_TESTS,
-        "the searches hold {} failures; a suite has at most {MOST_TESTS} tests, so give --diverse N or --keep worst",
+        "the searches hold {} failures; a suite has at most {MOST_TESTS} tests, so give --diverse N or --keep mildest",
         candidates.len()
     );
     let folder = Folder::make(&args.folder.out, args.folder.force)?;
@@ -179,7 +179,7 @@ fn check(search: &Found, first: &Found) -> Result<()> {
 
 /// All failures that --keep leaves, with their features, in the order of their searches, scenes and numbers.
 fn candidates(searches: &[Found], args: &SuiteArgs) -> Result<Vec<Candidate>> {
-    let keep = args.keep.unwrap_or(if args.diverse.is_some() { Keep::All } else { Keep::Worst });
+    let keep = args.keep.unwrap_or(if args.diverse.is_some() { Keep::All } else { Keep::Mildest });
     let places =
         searches.iter().enumerate().flat_map(|(s, search)| (0..search.rows.len()).map(move |r| [s, r]));
     let places: Vec<[usize; 2]> = places.collect();
@@ -257,11 +257,11 @@ impl Maker<'_> {
         self.names.insert(format!("{scene}-{variant}"));
         let files = AttackedFiles::new(recording, scene, self.args.format, Options::default())?;
         let generated = failure.generated.unwrap_or_default();
-        let FailureRow { head, evaluated, .. } = failure;
+        let FailureRow { head, evaluated, plan, trajectory, sentence, .. } = failure;
         files.check_names(std::iter::once(&*variant))?;
         let attacked = recording.scene.clone().with_roles(None, Some(&head.adversary))?;
         let attack = Attack {
-            trajectory: &failure.trajectory,
+            trajectory: &trajectory,
             variant: &variant,
             generated: &generated,
             weights: None,
@@ -287,10 +287,11 @@ impl Maker<'_> {
             adversary: head.adversary,
             seed: head.seed,
             plan_hash,
-            plan: failure.trajectory,
+            plan: trajectory,
             found: Origin {
+                sentence,
                 ego: driver,
-                plan: failure.plan.to_map(),
+                plan: plan.to_map(),
                 contact: evaluated.contact,
                 clauses: evaluated.clauses,
                 cluster: features.cluster(),

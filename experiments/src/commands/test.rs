@@ -1,5 +1,7 @@
 //! `sage test`: drives a driver against a test suite.
 
+pub(super) mod page;
+mod record;
 mod row;
 
 use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
@@ -12,7 +14,7 @@ use sage_data::{MAX_SCENE_FILE, Recording};
 use sage_run::{
     Outcome,
     outcome::caught,
-    output::{OutputFile, RECORD},
+    output::{Folder, Inputs, OutputFile, RECORD},
     progress, terminal,
 };
 use sage_sim::{
@@ -25,12 +27,17 @@ use sage_sim::{
 
 use crate::{cli::TestArgs, junit};
 
+use page::Side;
+use record::{DRIVES, RESULTS, RecordedDrive, TestRecord};
 use row::{ResultHead, ResultRow, TestResult};
 
 /// Size limit of a suite and of earlier results, bytes.
 const LIMIT: u64 = 1 << 27;
 
 const NOT_FEASIBLE: &str = "the plan is not feasible by the rule of the suite";
+
+/// The result of a test, and the drive if it is kept.
+type Tested<'s> = (ResultRow<'s>, Option<RecordedDrive>);
 
 /// Results of an earlier run by the names and the plans of the tests.
 type Earlier = HashMap<(String, String), TestResult>;
@@ -56,21 +63,56 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
             });
         groups[place].push(test);
     }
-    let driven = groups.par_iter().map(|tests| drive(&args.suite, &suite, &*rule, &ego, tests, asked));
+    let driven = groups
+        .par_iter()
+        .map(|tests| drive(&args.suite, &suite, &*rule, &ego, tests, asked, args.out.is_some()));
     // The first error in the order of the suite, whichever thread meets one first.
-    let driven: Vec<Result<Vec<ResultRow>>> = driven.collect();
+    let driven: Vec<Result<Vec<Tested>>> = driven.collect();
     let driven = driven.into_iter().collect::<Result<Vec<_>>>()?;
-    let mut rows: Vec<ResultRow> = driven.into_iter().flatten().collect();
+    let mut driven: Vec<Tested> = driven.into_iter().flatten().collect();
     let place: HashMap<&str, usize> =
         suite.tests.iter().enumerate().map(|(k, test)| (&*test.name, k)).collect();
-    rows.sort_by_key(|row| place.get(&*row.head.test).copied());
+    driven.sort_by_key(|(row, _)| place.get(&*row.head.test).copied());
+    let (rows, drives): (Vec<ResultRow>, Vec<Option<RecordedDrive>>) = driven.into_iter().unzip();
+    if let Some(out) = &args.out {
+        write_page(args, out, &suite, &rows, drives)?;
+    }
     if let Some(file) = junit {
         let name = args.suite.display().to_string();
-        let cases: Vec<_> = rows.iter().map(|row| row.case(baseline.as_ref())).collect();
+        let cases: Vec<_> = rows.iter().map(|row| row.case(baseline.as_ref(), args)).collect();
         file.write(junit::report(&name, &ego.label, &cases).as_bytes())?;
     }
     row::print(&rows, baseline.as_ref(), args)?;
     Ok(row::ended(&rows, baseline.as_ref(), args))
+}
+
+/// Writes the page of the tests, with the results, drives and scenes that it is made of.
+fn write_page(
+    args: &TestArgs,
+    out: &Path,
+    suite: &Suite,
+    rows: &[ResultRow],
+    drives: Vec<Option<RecordedDrive>>,
+) -> Result<()> {
+    let folder = Folder::make_beside(&Inputs::of([&args.suite]), out, args.force)?;
+    page::remove_old(&folder)?;
+    for inner in [DRIVES, record::SCENES] {
+        folder.inner(inner.as_ref())?;
+    }
+    let mut records = Vec::with_capacity(rows.len());
+    for ((test, row), drive) in suite.tests.iter().zip(rows).zip(drives) {
+        let source = args.suite.join(SCENES).join(&test.scene);
+        folder
+            .write(&format!("{}/{}", record::SCENES, test.scene), &files::read(&source, MAX_SCENE_FILE)?)?;
+        let record = TestRecord::new(test, row, drive);
+        folder.write(&TestRecord::file(&test.name), &serde_json::to_vec(&record)?)?;
+        records.push(record);
+    }
+    page::write(&folder, &[Side::of(folder.path(), records)])?;
+    folder.write(RESULTS, row::lines(rows)?.as_bytes())?;
+    folder.finish()?;
+    progress::say(&format!("open `{}`", folder.path().join(page::FILE).display()));
+    Ok(())
 }
 
 /// Reads a suite.
@@ -143,7 +185,8 @@ fn drive<'s>(
     ego: &'s Ego,
     tests: &[&'s SuiteTest],
     asked: Asked,
-) -> Result<Vec<ResultRow<'s>>> {
+    keeps_drives: bool,
+) -> Result<Vec<Tested<'s>>> {
     let path = folder.join(SCENES).join(&tests[0].scene);
     let shown = path.display();
     let bytes = files::read(&path, MAX_SCENE_FILE).with_context(|| format!("cannot read `{shown}`"))?;
@@ -156,8 +199,9 @@ fn drive<'s>(
         let index = SceneIndex::new(scene.map.clone());
         Ok((SimScene::new(Arc::new(scene), index)?, tests[0].seed))
     };
-    let failed =
-        |test, error: &anyhow::Error, seconds| ResultRow::failed(suite, test, &ego.label, error, seconds);
+    let failed = |test, error: &anyhow::Error, seconds| {
+        (ResultRow::failed(suite, test, &ego.label, error, seconds), None)
+    };
     let (simulated, seed) = match caught(prepared) {
         Ok(prepared) => prepared,
         Err(error) => {
@@ -176,8 +220,9 @@ fn drive<'s>(
             let seconds = || before + clock.elapsed().as_secs_f64();
             ensure!(rule.is_feasible(&ctx.candidate(test.plan.clone()), ctx), NOT_FEASIBLE);
             let watching = driver.watching()?;
-            let driven = TestDrive::new(driver, &watching, &test.plan)?;
-            Ok(ResultRow::measured(suite, test, &ego.label, driven, asked, seconds()))
+            let (driven, outcome) = TestDrive::new(driver, &watching, &test.plan)?;
+            let recorded = keeps_drives.then(|| RecordedDrive::of(&outcome, driver));
+            Ok((ResultRow::measured(suite, test, &ego.label, driven, asked, seconds()), recorded))
         });
         row.unwrap_or_else(|error| failed(test, &error, before + clock.elapsed().as_secs_f64()))
     };

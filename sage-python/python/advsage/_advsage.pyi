@@ -338,10 +338,22 @@ def search_each(
     first: bool = False,
     order: str = "surrogate",
     refine: float = ...,
+    explain_failures: str = ...,
     plans: int = ...,
     seed: int = 0,
     threads: int | None = None,
 ) -> Searched: ...
+def judge(
+    scene: Scene,
+    ego: str | Planner,
+    trajectory: ArrayLike,
+    *,
+    require: str | None = None,
+    references: list[str] | None = None,
+    feasibility: str | None = None,
+    explain: bool = True,
+    seed: int = 0,
+) -> dict[str, Any]: ...
 def inspect(scene: Scene | _Path) -> dict[str, Any]: ...
 def convert(scene: Scene | _Path, path: _Path, *, to: str | None = None) -> list[str]: ...
 def draw(scene: Scene | _Path, attack: Attack | None = None) -> Picture: ...

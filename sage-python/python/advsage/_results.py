@@ -114,6 +114,7 @@ def search(
     first: bool = False,
     order: str = "surrogate",
     refine: float = 0.25,
+    explain_failures: str = "mildest",
     plans: int = 256,
     method: str | None = None,
     options: dict[str, Any] | None = None,
@@ -134,7 +135,9 @@ def search(
     decides which is next (`order`: "surrogate", "random", "pool"), and in the last `refine` of the budget plans are refined against
     what the driver did, until the first failure. A failure meets all clauses of `require`, of
     "attack,believable,at-fault,preventable" (all by default), "avoidable" and "believable-1"; `references` names the drivers that
-    are asked in place of r157, idm, pdm and expert whether they prevent a contact; `first` stops at the first one. Plans are those of several
+    are asked in place of r157, idm, pdm and expert whether they prevent a contact; `first` stops at the first one. `explain_failures`
+    says which are explained, by some ten drives more: "mildest" (the one whose adversary is driven least differently from the
+    recording), "all" or "none". Plans are those of several
     generators, or of one `method` with its `options`. The other options are those of `Generator`. A scene that cannot be
     read or searched is in `errors` of the result, with the exception.
     """
@@ -151,6 +154,7 @@ def search(
         first=first,
         order=order,
         refine=refine,
+        explain_failures=explain_failures,
         plans=plans,
         method=method,
         options=options,

@@ -10,7 +10,9 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Circumstances, Clause, Clauses, Met, PoolPlan, Requirement, SearchOptions, onset::onset};
+use super::{
+    Circumstances, Clause, Clauses, Met, PoolPlan, Reason, Requirement, SearchOptions, onset::onset,
+};
 use crate::{
     Error,
     attack_test::{AttackOutcome, AttackTest},
@@ -63,6 +65,16 @@ impl Evaluated {
             error: Some(error),
         }
     }
+
+    /// Why the drive is no failure; `None` if it is one.
+    pub fn missing(&self, requirement: Requirement) -> Option<Reason> {
+        if self.error.is_some() {
+            return Some(Reason::Error);
+        }
+        let missing = self.clauses.first_missing(requirement)?;
+        let is_never_hit = missing == Clause::Attack && self.contact.is_none();
+        Some(if is_never_hit { Reason::NeverHit } else { Reason::missing(missing) })
+    }
 }
 
 /// A time, which is a number of steps, without the error of its sums.
@@ -102,6 +114,17 @@ impl<'t> Evaluator<'t> {
         let outcome = self.test.attack_from(self.until_now.as_ref(), plan.candidate.trajectory(), true)?;
         let path = AttackedPath::of(&outcome.episode, self.test.unattacked());
         Ok((outcome, path))
+    }
+
+    /// What makes a drive a failure.
+    pub(super) fn requirement(&self) -> Requirement {
+        self.requirement
+    }
+
+    /// Drives against a plan that is in no pool, and answers the clauses; an error is noted.
+    pub(super) fn driven(&self, plan: &PoolPlan) -> Evaluated {
+        let driven = self.drive(plan).and_then(|(outcome, path)| self.evaluate(0, plan, &outcome, &path));
+        driven.unwrap_or_else(|error| Evaluated::failed(0, error.to_string()))
     }
 
     /// Answers the clauses for an attacked drive.

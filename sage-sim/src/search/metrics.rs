@@ -19,8 +19,8 @@ pub struct MeasuredSearch {
     pub plans: usize,
     /// Largest number of drives.
     pub budget: usize,
-    /// Negative log-likelihood under the prior and kinematic penalty of the mildest failure.
-    pub mildest: Option<(Option<f64>, f64)>,
+    /// Negative log-likelihood under the prior and kinematic penalty of the likeliest failure.
+    pub likeliest: Option<(Option<f64>, f64)>,
 }
 
 impl MeasuredSearch {
@@ -28,8 +28,8 @@ impl MeasuredSearch {
     pub fn new(result: SearchResult, pool: &Pool, budget: usize) -> Self {
         let plan = |failure: &Failure| &pool.plans[result.driven[failure.drive].plan];
         let strain = |plan: &PoolPlan| (plan.proposal.nll, kinematic_penalty(plan.candidate.profile()));
-        let mildest = result.mildest(pool).map(|failure| strain(plan(failure)));
-        Self { plans: pool.plans.len(), budget, mildest, result }
+        let likeliest = result.likeliest(pool).map(|failure| strain(plan(failure)));
+        Self { plans: pool.plans.len(), budget, likeliest, result }
     }
 
     /// Drives until the first that meets a clause and the ones before it; `None` without one.
@@ -101,10 +101,10 @@ pub fn search_metrics() -> Result<Metrics<MeasuredSearch>, Error> {
             .more_is_better(),
             Metric::mean("first failure", |s: &S| s.first_failure().map(|first| first as f64))
                 .about("drives until the first failure, of the scenes with one"),
-            Metric::mean("mildest nll", |s: &S| s.mildest?.0)
+            Metric::mean("likeliest nll", |s: &S| s.likeliest?.0)
                 .about("negative log-likelihood under the prior of the likeliest failure, of the scenes with one")
                 .less_is_better(),
-            Metric::mean("mildest P_kin", |s: &S| Some(s.mildest?.1))
+            Metric::mean("likeliest P_kin", |s: &S| Some(s.likeliest?.1))
                 .about("kinematic penalty of that failure")
                 .less_is_better(),
             Metric::mean("plans", |s: &S| Some(s.plans as f64)).about("plans of the pool"),

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::Met;
 use crate::{
     Error,
-    attack_test::AttackTest,
+    attack_test::{AttackOutcome, AttackTest},
     reference::Watching,
     route::Localization,
     unattacked::{UnattackedDrive, until_contact},
@@ -102,10 +102,14 @@ pub struct TestDrive {
 }
 
 impl TestDrive {
-    /// Drives a driver against the plan of a test.
+    /// Drives a driver against the plan of a test; also gives the drive.
     ///
     /// *Errors*: those of the driver.
-    pub fn new(test: &AttackTest, watching: &Watching, plan: &Trajectory) -> Result<Self, Error> {
+    pub fn new(
+        test: &AttackTest,
+        watching: &Watching,
+        plan: &Trajectory,
+    ) -> Result<(Self, AttackOutcome), Error> {
         let outcome = test.attack(plan, true)?;
         let prevention = watching.prevention(plan)?;
         let drive = &outcome.episode.drive;
@@ -150,13 +154,14 @@ impl TestDrive {
                 if own < SHARE * recorded { (recorded, RECORDING) } else { (own, UNATTACKED) }
             }
         };
-        Ok(Self {
+        let measured = Self {
             contact: Met::first(&outcome, test),
             at_fault,
             off_road: drive.off_road.step().filter(|_| !facts.recording_leaves_road),
             progress: MadeProgress { made: from_now(until), compared, with: with.to_owned() },
             comfortable: facts.is_comfortable,
-        })
+        };
+        Ok((measured, outcome))
     }
 
     /// The first thing that the driver fails at; `None` if it passes.

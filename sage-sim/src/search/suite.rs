@@ -96,6 +96,9 @@ pub struct Found {
     pub clauses: Clauses,
     /// Name of its cluster: type of the collision, what the driver does, its speed at the contact.
     pub cluster: String,
+    /// What explains it, in words, if the search has explained it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sentence: Option<String>,
 }
 
 /// Hash of a plan.
@@ -180,6 +183,7 @@ mod tests {
                 contact: None,
                 clauses: Clauses::default(),
                 cluster: "cut-in, ego brakes, 5 to 10 m/s".to_owned(),
+                sentence: Some("idm fails.".to_owned()),
             },
         };
         Suite {

@@ -41,8 +41,8 @@ const sorts = new Map(page.sorts.map(([key, label]) => [key, [label, () => {
   return items.map((f) => rank.get(sceneNames[f.scene]));
 }]]));
 const firstSort = page.sorts[0][0];
-const risesFirst = (key) => ["scene", "needed", "latest_start"].includes(key) || facets.some((facet) => facet.key === key);
-const state = { text: "", sort: firstSort, rises: risesFirst(firstSort), showsAll: false, variant: 0 };
+const risesFirst = (key) => ["scene", "needed", "latest_start", "difference", "human_time"].includes(key) || facets.some((facet) => facet.key === key);
+const state = { text: "", sort: firstSort, rises: risesFirst(firstSort), showsAll: false, showsEvery: false, variant: 0 };
 
 const orders = new Map();
 function order() {
@@ -66,6 +66,7 @@ function readAddress() {
     r.unknown = !r.hasUnknown || given.get(`${r.key}_unknown`) !== "no";
   }
   state.text = (given.get("scene") || "").slice(0, 200);
+  state.showsEvery = given.get("every") === "yes";
   state.variant = variants.includes(given.get("at")) ? variants.indexOf(given.get("at")) : variants.length - 1;
   showVariant();
   state.sort = sorts.has(given.get("sort")) ? given.get("sort") : firstSort;
@@ -80,6 +81,7 @@ function address() {
     if (!r.unknown) given.set(`${r.key}_unknown`, "no");
   }
   if (state.text) given.set("scene", state.text);
+  if (state.showsEvery) given.set("every", "yes");
   if (variants.length > 1 && state.variant < variants.length - 1) given.set("at", variants[state.variant]);
   if (state.sort !== firstSort) given.set("sort", state.sort);
   if (state.rises !== risesFirst(state.sort)) given.set("order", state.rises ? "ascending" : "descending");
@@ -92,6 +94,30 @@ function writeAddress(kept = null) {
   clearTimeout(writing);
   writing = 0;
   if (address() !== (location.hash || "#") || kept || history.state) history.replaceState(kept, "", address());
+}
+
+// --- events: items that share a card ---
+
+const behind = new Map(); // by the item of a card, how many others it stands for
+function gathered(listed) {
+  behind.clear();
+  if (!page.event || state.showsEvery) return listed;
+  const heads = new Map(), of = (k) => page.event(items[k]), rank = (k) => (Number.isFinite(items[k][page.rank]) ? items[k][page.rank] : Infinity);
+  for (const k of listed) {
+    const head = heads.get(of(k));
+    if (head === undefined || rank(k) < rank(head)) heads.set(of(k), k);
+  }
+  for (const k of listed) if (heads.get(of(k)) !== k) behind.set(heads.get(of(k)), (behind.get(heads.get(of(k))) || 0) + 1);
+  const cards = listed.filter((k) => heads.get(of(k)) === k);
+  if (state.sort !== firstSort) return cards;
+  // In the first order one card of each group comes before the second of any.
+  const seen = new Map(), turn = new Map();
+  for (const k of cards) {
+    const group = grouped.of[k], before = seen.get(group) || 0;
+    seen.set(group, before + 1);
+    turn.set(k, before);
+  }
+  return cards.sort((a, b) => turn.get(a) - turn.get(b));
 }
 
 // --- update: filter, count, list ---
@@ -127,6 +153,7 @@ function update() {
   }
   const inGroups = grouped.chosen >= 0 ? Math.min(1, shown.length) : grouped.counts.filter(Boolean).length;
   element("count").textContent = page.count(shown.length, inScenes.size, inGroups, shown.map((k) => items[k]));
+  shown = gathered(shown);
   element("none").hidden = shown.length > 0;
   element("legend").hidden = !shown.length;
   showControls(total);
@@ -159,6 +186,7 @@ function showControls(total) {
   element("order").textContent = state.rises ? "↑" : "↓";
   element("order").title = state.rises ? "Ascending; press for descending" : "Descending; press for ascending";
   element("order").setAttribute("aria-label", element("order").title);
+  element("every").setAttribute("aria-pressed", String(state.showsEvery));
   const set = facets.filter((f) => f.chosen >= 0).length + ranges.filter(isSet).length + (state.text ? 1 : 0);
   element("open").textContent = set ? `Filters (${set})` : "Filters";
   // Not disabled: that would take the keyboard from it once pressed.
@@ -218,13 +246,15 @@ const endWatch = new IntersectionObserver(([{ isIntersecting }]) => { if (isInte
 
 function card(k, place) {
   const f = items[k], item = element("card").content.firstElementChild.cloneNode(true), box = item.firstChild;
-  const [, head, group, values, verdict] = box.children, target = link(f.page);
+  const [, head, group, sentence, values, verdict] = box.children, target = link(f.page);
   if (target) box.href = target;
   item.dataset.item = k;
   item.dataset.place = place;
   const [badge, isHit, further] = page.badge(f);
   [sceneNames[f.scene], ...page.head(f)].forEach((text, n) => (head.children[n].textContent = head.children[n].title = text));
-  group.textContent = group.title = words(f[page.groups.key]);
+  group.textContent = group.title = words(f[page.groups.key]) + (behind.has(k) ? ` (+ ${counted(behind.get(k), "drive like it", "drives like it")})` : "");
+  sentence.textContent = sentence.title = page.sentence?.(f) || "";
+  sentence.hidden = !sentence.textContent;
   for (const [label, value, title] of page.values(f)) {
     const pair = make("span", values);
     make("small", pair, "", label);
@@ -278,6 +308,7 @@ function build() {
   element("note").hidden = !page.note;
   const isEmpty = !items.length;
   element("filters").hidden = element("bar").hidden = isEmpty;
+  element("every").hidden = !page.event;
   element("none").textContent = page.none(isEmpty);
   if (isEmpty) element("page").style.display = "block";
   buildSweep();
@@ -312,6 +343,7 @@ element("scene").addEventListener("input", (e) => { state.text = e.target.value.
 element("sort").addEventListener("change", (e) => { state.sort = e.target.value; state.rises = risesFirst(state.sort); change(); });
 element("order").addEventListener("click", () => { state.rises = !state.rises; change(); });
 element("all").addEventListener("click", () => { state.showsAll = !state.showsAll; showBars(); });
+element("every").addEventListener("click", () => { state.showsEvery = !state.showsEvery; change(); });
 element("more").addEventListener("click", () => addCards());
 element("open").addEventListener("click", () => {
   const isOpen = element("filters").classList.toggle("open");

@@ -51,7 +51,7 @@ const panels = data.panels.map((p) => ({ ...p, drawn: inFront(p.others), ego: bo
 
 // --- state ---
 
-const view = { time: now, playing: false, rate: 1, scale: 0, isZoomed: false, follow: "ego", centre: null, alone: null, ghost: true, others: true, all: false };
+const view = { time: now, playing: false, rate: 1, scale: 0, isZoomed: false, follow: "ego", plot: "speed", centre: null, alone: null, ghost: true, others: true, all: false };
 
 // --- map tiles: drawn once for each zoom, shared by all panels ---
 
@@ -271,35 +271,62 @@ function scaleBar(c, ratio, scale, height) {
   c.fillText(`${length} m`, 12 * ratio, height - 13 * ratio);
 }
 
-// Speeds over time: ego, adversary, and the ego without the attack.
+// What the strip shows over time, of each body at its frames; differences are over 0.4 s. Distance is that of the two boxes.
+const change = (of, t, differs = (a, b) => b - a) => {
+  const from = Math.max(0, t - 2), to = Math.min(of.length - 1, t + 2);
+  return to > from ? differs(of[from], of[to]) / ((to - from) / 10) : NaN;
+};
+const turn = (a, b) => (Math.atan2(Math.sin(b - a), Math.cos(b - a)) * 180) / Math.PI;
+const plots = {
+  speed: ["m/s", 5, (b) => b.v],
+  acceleration: ["m/s²", 2, (b) => b.v.map((_, t) => change(b.v, t))],
+  turning: ["°/s", 10, (b) => b.h.map((_, t) => change(b.h, t, turn))],
+  distance: ["m", 5, (b, panel) => {
+    if (b !== panel.ego || !panel.adversary) return [];
+    return b.x.map((_, t) => { const p = pose(b, b.first + t), q = pose(panel.adversary, b.first + t); return p && q ? space(p, b, q, panel.adversary) : NaN; });
+  }],
+};
+function plotted(panel) {
+  if (panel.plotted?.plot !== view.plot) {
+    const [unit, least, of] = plots[view.plot];
+    const lines = [panel.ghost, panel.adversary, panel.ego].map((b) => (b ? of(b, panel) : []));
+    const known = lines.flat().filter((v) => v === v);
+    // Standing still is in every plot: 0.
+    panel.plotted = { plot: view.plot, unit, lines, top: Math.max(least, ...known), bottom: view.plot === "speed" || view.plot === "distance" ? 0 : Math.min(-least, ...known) };
+  }
+  return panel.plotted;
+}
+
+// The plot over time: ego, adversary, and the ego without the attack.
 function drawStrip(panel, time, ratio) {
   const canvas = panel.strip, c = canvas.getContext("2d");
   fitted(canvas);
+  const { unit, lines, top, bottom } = plotted(panel);
   const { width, height } = canvas, bodies = [panel.ghost && view.ghost && panel.ghost, panel.adversary, panel.ego];
-  const top = Math.max(5, ...bodies.filter(Boolean).map((b) => Math.max(...b.v.filter((v) => v === v))));
-  const x = (frame) => 34 * ratio + (frame / last) * (width - 42 * ratio), y = (v) => height - 5 * ratio - (v / top) * (height - 12 * ratio);
+  const x = (frame) => 40 * ratio + (frame / last) * (width - 48 * ratio), y = (v) => height - 5 * ratio - ((v - bottom) / (top - bottom)) * (height - 12 * ratio);
   c.setTransform(1, 0, 0, 1, 0, 0);
   c.clearRect(0, 0, width, height);
   c.font = `${9.5 * ratio}px system-ui, sans-serif`;
   c.fillStyle = "#555";
   c.textBaseline = "middle";
-  c.fillText(`${top.toFixed(0)} m/s`, 3 * ratio, y(top) + 3 * ratio);
-  c.fillText("0", 3 * ratio, y(0) - 1 * ratio);
+  c.fillText(`${top.toFixed(0)} ${unit}`, 3 * ratio, y(top) + 3 * ratio);
+  c.fillText(bottom.toFixed(0), 3 * ratio, y(bottom) - 1 * ratio);
   c.strokeStyle = "#ddd";
   c.lineWidth = ratio;
-  c.strokeRect(x(now), y(top), 0, y(0) - y(top));
+  c.strokeRect(x(now), y(top), 0, y(bottom) - y(top));
+  c.strokeRect(x(0), y(0), x(last) - x(0), 0);
   const tones = [["rgba(0,114,178,.6)", [4, 3]], [colour.adversary, []], [colour.ego, []]];
   bodies.forEach((b, k) => {
     if (!b) return;
     c.beginPath();
-    b.v.forEach((v, t) => { if (v === v) c.lineTo(x(b.first + t), y(v)); });
+    lines[k].forEach((v, t) => { if (v === v) c.lineTo(x(b.first + t), y(v)); });
     c.strokeStyle = tones[k][0];
     c.setLineDash(tones[k][1].map((d) => d * ratio));
     c.lineWidth = 1.4 * ratio;
     c.stroke();
   });
   c.setLineDash([]);
-  if (panel.contact) { c.fillStyle = "#b00020"; c.fillRect(x(panel.contact.frame) - ratio, y(top), 2 * ratio, y(0) - y(top)); }
+  if (panel.contact) { c.fillStyle = "#b00020"; c.fillRect(x(panel.contact.frame) - ratio, y(top), 2 * ratio, y(bottom) - y(top)); }
   c.fillStyle = colour.ink;
   c.fillRect(x(time) - 0.5 * ratio, 0, ratio, height);
 }

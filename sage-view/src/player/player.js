@@ -34,9 +34,9 @@ function build() {
     const head = make("h2", panel.box);
     head.title = "Show this drive alone, or all";
     make("b", head).textContent = title(panel);
-    panel.badge_words = panel.badge || "attack";
+    panel.badge_words = panel.badge || (panel.verdict ? "attack" : "no attack");
     panel.badge = make("em", head, panel.verdict || panel.failed ? "hit" : "");
-    panel.badge.textContent = panel.failed ? "planner failed" : panel.verdict ? panel.badge_words : "no attack";
+    panel.badge.textContent = panel.failed ? "planner failed" : panel.badge_words;
     panel.live = make("span", head);
     panel.live.title = "Speed of the ego, and the gap between ego and adversary";
     panel.history = panel.verdict === null ? "Before now." : "Before now: the attack begins at 0 s.";
@@ -192,6 +192,7 @@ const keys = {
   " ": (e) => e.repeat || play(!view.playing), ArrowLeft: (e) => step(e.shiftKey ? -10 : -1), ArrowRight: (e) => step(e.shiftKey ? 10 : 1),
   Home: () => step(-last), End: () => step(last), "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8), "−": () => zoom(0.8),
   c: () => next(panels.filter((p) => p.contact && !p.box.hidden).map((p) => p.contact.frame).sort((a, b) => a - b)), g: () => element("ghost").click(), o: () => element("others").click(), "?": () => element("help").click(),
+  p: () => { const options = Object.keys(plots); view.plot = element("plot").value = options[(options.indexOf(view.plot) + 1) % options.length]; redraw(); },
   f: () => { const options = [...element("follow").options].map((o) => o.value); follow(options[(options.indexOf(view.follow) + 1) % options.length]); },
   0: () => alone(null),
 };
@@ -202,6 +203,7 @@ element("forward").addEventListener("click", () => step(1));
 element("time").addEventListener("input", (e) => { play(false); seek(Number(e.target.value)); });
 element("rate").addEventListener("change", (e) => (view.rate = Number(e.target.value)));
 element("follow").addEventListener("change", (e) => follow(e.target.value));
+element("plot").addEventListener("change", (e) => { view.plot = e.target.value; redraw(); });
 element("in").addEventListener("click", () => zoom(1.25));
 element("out").addEventListener("click", () => zoom(0.8));
 element("ghost").addEventListener("change", (e) => { view.ghost = e.target.checked; redraw(); });

@@ -17,7 +17,9 @@ view.all = !groups.length;
 // What has a box: a drive, or a group. The key of a digit chooses one of them.
 const unit = (panel) => (!view.all && panel.group) || panel;
 const units = () => [...new Set(panels.map(unit))];
-const isShown = (panel) => (view.alone === null || unit(panel) === view.alone) && (view.all || !panel.group || panel.group.chosen === panel);
+// Drives of one name, such as those of two drivers in one test, are shown together.
+const isAlone = (panel) => unit(panel) === view.alone || (!!panel.id && !panel.group && panel.id === view.alone.id);
+const isShown = (panel) => (view.alone === null || isAlone(panel)) && (view.all || !panel.group || panel.group.chosen === panel);
 
 function title(panel) {
   const own = panel.sweep && setting(panel.group.axis, panel.sweep.value);

@@ -6,7 +6,7 @@ use sage_core::{
     motion::{DT, NOW},
     scene::Track,
 };
-use sage_sim::vehicle::Motion;
+use sage_sim::{policy::Shown, vehicle::Motion};
 use sage_view::player::{self, Meeting, Page, Panel};
 
 use super::{FILE, entry::Entry};
@@ -31,14 +31,19 @@ pub(super) fn page(
             failure.evaluated.contact.as_ref().map_or(0, |met| usize::try_from(met.step).unwrap_or_default());
         let driven = failure.ego_history.iter().chain(failure.ego_path.iter().take(step));
         parts.push(Parts {
+            shown: &failure.shown,
             motions: motions(&driven.copied().collect::<Vec<_>>()),
             meeting: Meeting { frame: NOW + step, areas: scene.driven(failure)?.boxes_at(step)? },
             adversary: scene.scene().adversary()?.following(&failure.trajectory),
             evasion: failure.avoidable.evasion(step).map(|(_, poses)| poses.to_vec()),
         });
     }
-    let panels: Vec<Panel> =
-        parts.iter().zip(entries).map(|(part, entry)| panel(part, entry, &unattacked)).collect();
+    let adversary = scene.scene().adversary()?;
+    let first = unattacked_panel(&unattacked, adversary);
+    let panels: Vec<Panel> = first
+        .into_iter()
+        .chain(parts.iter().zip(entries).map(|(part, entry)| panel(part, entry, &unattacked)))
+        .collect();
     let back = format!("../{FILE}");
     let page = Page {
         scene: scene.scene(),
@@ -52,18 +57,47 @@ pub(super) fn page(
     Ok(player::page(&page)?)
 }
 
-fn panel<'p>(part: &'p Parts, entry: &Entry, unattacked: &'p [Motion]) -> Panel<'p> {
+/// What the driver does while the adversary drives as recorded.
+fn unattacked_panel<'p>(motions: &'p [Motion], adversary: &'p Track) -> Option<Panel<'p>> {
+    let words = "The adversary drives as recorded.";
+    (!motions.is_empty()).then(|| Panel {
+        name: "without an attack".to_owned(),
+        id: "unattacked".to_owned(),
+        sweep: None,
+        motions,
+        end: motions.len() - 1,
+        shown: &[],
+        contact: None,
+        adversary: Some(adversary),
+        unattacked: None,
+        evasion: None,
+        verdict: None,
+        is_failed: false,
+        others: Vec::new(),
+        marks: Vec::new(),
+        badge: None,
+        note: words.to_owned(),
+        ending: words.to_owned(),
+    })
+}
+
+fn panel<'p>(part: &'p Parts<'p>, entry: &Entry, unattacked: &'p [Motion]) -> Panel<'p> {
     let plan = match entry.lambda {
         Some(lambda) => format!("{}, λ {lambda}", entry.plan),
         None => entry.plan.clone(),
     };
     Panel {
-        name: format!("{}: {}", entry.name, entry.cluster),
+        name: format!(
+            "{}{}: {}",
+            entry.name,
+            entry.role.map_or(String::new(), |r| format!(" ({r})")),
+            entry.cluster
+        ),
         id: entry.name.clone(),
         sweep: None,
         motions: &part.motions,
         end: part.motions.len().saturating_sub(1),
-        shown: &[],
+        shown: part.shown,
         contact: Some(part.meeting),
         adversary: Some(&part.adversary),
         unattacked: Some(unattacked).filter(|motions| !motions.is_empty()),
@@ -74,12 +108,13 @@ fn panel<'p>(part: &'p Parts, entry: &Entry, unattacked: &'p [Motion]) -> Panel<
         marks: Vec::new(),
         badge: Some("failure"),
         note: format!("{}. Plan: {plan}.", entry.words()),
-        ending: entry.words(),
+        ending: entry.sentence.clone().unwrap_or_else(|| entry.words()),
     }
 }
 
 /// What the panel of a failure shows.
-struct Parts {
+struct Parts<'p> {
+    shown: &'p [Shown],
     motions: Vec<Motion>,
     meeting: Meeting,
     adversary: Track,
@@ -87,7 +122,7 @@ struct Parts {
 }
 
 /// Motions of poses at consecutive frames.
-fn motions(poses: &[[f64; 3]]) -> Vec<Motion> {
+pub(in crate::commands) fn motions(poses: &[[f64; 3]]) -> Vec<Motion> {
     let motion = |k: usize| {
         // The first pose has the velocity of the second.
         let from = k.max(1) - 1;

@@ -25,6 +25,8 @@ pub(super) struct Entry {
     scene: usize,
     page: String,
     pub(super) name: String,
+    /// Whether it is the mildest or the worst one of its scene.
+    pub(super) role: Option<&'static str>,
     driver: String,
     pub(super) cluster: String,
     collision: &'static str,
@@ -43,6 +45,13 @@ pub(super) struct Entry {
     not_prevented_by: Vec<String>,
     /// That the driver has a contact without any attack.
     without_attack: Option<String>,
+    /// Largest difference of its accelerations from the recording, m/s².
+    difference: Option<f64>,
+    /// What explains it, in words.
+    pub(super) sentence: Option<String>,
+    /// What is wrong with the braking, and how many others it takes.
+    braking: Option<&'static str>,
+    needs: Option<&'static str>,
     adversary_from: &'static str,
     /// What the adversary does against lights and lines.
     violation: &'static str,
@@ -84,6 +93,11 @@ impl Entry {
             scene: 0,
             page: format!("{page}#{name}"),
             name,
+            role: match Some(number) {
+                this if this == row.mildest() => Some("mildest"),
+                this if this == row.worst() => Some("worst"),
+                _ => None,
+            },
             driver: without_folders(&failure.head.ego),
             cluster: features.cluster(),
             collision: collision.name(),
@@ -99,6 +113,10 @@ impl Entry {
             prevented_by: failure.prevented_by().map(str::to_owned),
             not_prevented_by: failure.not_prevented_by().map(str::to_owned).collect(),
             without_attack: row.contact_without_attack(),
+            difference: failure.deviation.map(|deviation| deviation.acceleration),
+            sentence: failure.sentence.clone(),
+            braking: failure.explanation.as_ref().map(|explanation| explanation.braking.class()),
+            needs: failure.explanation.as_ref().map(|explanation| explanation.needed.words()),
             adversary_from: circumstances.adversary_from.words(),
             violation: circumstances.violation(),
             right_of_way: circumstances.right_of_way.map_or("unknown", Party::words),

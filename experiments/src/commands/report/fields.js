@@ -8,28 +8,32 @@ function fields() {
     label: "Failures",
     across: 35, // metres across a thumbnail, at least
     moment: "Top view, north up, at the contact",
-    note: "The list begins with what a reference driver prevents, those with a human time of less than 0.75 s last, then the smallest latest start. Verdicts assume perfect perception without latency; others replay their recordings; 8 s, one adversary.",
+    note: "A card stands for an event, and shows its mildest drive. The list begins with one event of each cluster, first what a reference driver prevents, those with a human time of less than 0.75 s last, then the smallest latest start. Verdicts assume perfect perception without latency; others replay their recordings; 8 s, one adversary.",
     facets: [
       ["driver", "Driver"], ["cluster", "Cluster"], ["collision", "Collision"], ["ego_does", "Ego does"], ["adversary_does", "Adversary does"], ["road", "Road"],
-      ["at_fault", "Fault", answer("at fault", "not at fault")], ["fault", "Fault class", inWords], ["right_of_way", "Right of way"], ["adversary_from", "Adversary from"], ["violation", "Adversary: lights, lines"], ["prevented_by", "Prevented by"], ["plan", "Plan"],
+      ["at_fault", "Fault", answer("at fault", "not at fault")], ["fault", "Fault class", inWords], ["right_of_way", "Right of way"], ["adversary_from", "Adversary from"], ["violation", "Adversary: lights, lines"], ["prevented_by", "Prevented by"], ["braking", "The driver"], ["needs", "It takes"], ["plan", "Plan"],
     ],
     groups: { key: "cluster", title: "Clusters" },
-    ranges: [["lambda", "λ", 2, "and failures without λ"], ["latest_start", "Latest start, s", 1, "and not measured"], ["human_time", "Human time, s", 1, "and not measured"]],
+    // Drives of one event share a card, that of the mildest one.
+    event: (f) => [f.scene, f.driver, f.cluster].join("\n"),
+    rank: "difference",
+    ranges: [["difference", "Difference, m/s²", 1, "and not measured"], ["lambda", "λ", 2, "and failures without λ"], ["latest_start", "Latest start, s", 1, "and not measured"], ["human_time", "Human time, s", 1, "and not measured"]],
     sorts: [
-      ["plain", "plainest"], ["latest_start", "latest start"], ["reward", "reward"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
+      ["plain", "plainest"], ["difference", "difference from the recording"], ["human_time", "human time"], ["latest_start", "latest start"], ["reward", "reward"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
       ["cluster", "cluster"], ["driver", "driver"], ["scene", "scene"],
     ],
     count: (shown, inScenes, inClusters, listed) => {
-      const events = new Set(listed.map((f) => [f.scene, f.driver, f.cluster].join("\n"))).size;
-      return `${counted(inScenes, "scene", "scenes")} with ${counted(events, "event", "events")} (a cluster in a scene), ${shown} of ${counted(items.length, "failing drive", "failing drives")} shown; ${counted(inClusters, "cluster", "clusters")}`;
+      const events = new Set(listed.map(page.event)).size;
+      return `${counted(inScenes, "scene", "scenes")} with ${counted(events, "event", "events")} (a cluster in a scene), ${shown} of ${counted(items.length, "failing drive", "failing drives")}; ${counted(inClusters, "cluster", "clusters")}`;
     },
-    head: (f) => [words(f.name), words(f.driver)],
+    head: (f) => [words(f.name) + (f.role ? ` (${words(f.role)})` : ""), words(f.driver)],
     values: (f) => [
-      ["contact", measured(f.contact_after, 1, " s"), "Time from now, the start of the attack, to the contact"], ["impact", measured(f.impact, 1, " m/s")],
+      ["difference", measured(f.difference, 1, " m/s²"), "How differently from its recording the adversary is driven: largest difference of the accelerations"], ["contact", measured(f.contact_after, 1, " s"), "Time from now, the start of the attack, to the contact"], ["impact", measured(f.impact, 1, " m/s")],
       ["latest start", measured(f.latest_start, 1, " s before"), "How late before the contact an evasive manoeuvre, knowing the plan, could begin: the smaller, the longer a driver could wait"],
       ["human time", measured(f.human_time, 1, " s") + (isShort(f) ? " (short)" : ""), "From the onset of the plan to the latest start; people need 0.75 s"], ["λ", measured(f.lambda, 2)],
     ],
     badge: (f) => [f.at_fault === true ? "at fault" : f.at_fault === false ? "not at fault" : "fault unknown", f.at_fault === true, `${inWords(f.fault)}; ${f.prevented_by ? `${words(f.prevented_by)} prevents it` : "no reference driver prevents it"}${f.not_prevented_by.length ? `, not ${f.not_prevented_by.map(words).join(", ")}` : ""}${f.without_attack ? `; ${words(f.without_attack)}` : ""}`],
+    sentence: (f) => words(f.sentence || ""),
     none: (isEmpty) => (!isEmpty ? "No failure meets all filters." : data.without.length ? "The searches found no failure." : "There are no failures: no scene was searched."),
     build: (isEmpty) => isEmpty && (element("without").open = true),
     showMore: showWithout,

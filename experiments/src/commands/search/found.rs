@@ -126,7 +126,11 @@ impl<'a> Found<'a> {
 /// Checks the poses of a row, which may come from anywhere.
 ///
 /// *Errors*: another number than expected, or one that is not finite or too far away.
-fn check_poses(field: &str, poses: &[[f64; 3]], count: RangeInclusive<usize>) -> Result<()> {
+pub(in crate::commands) fn check_poses(
+    field: &str,
+    poses: &[[f64; 3]],
+    count: RangeInclusive<usize>,
+) -> Result<()> {
     let (least, most) = (count.start(), count.end());
     let expected = if least == most { least.to_string() } else { format!("{least} to {most}") };
     ensure!(count.contains(&poses.len()), "`{field}` has {} poses; expected {expected}", poses.len());

@@ -20,7 +20,7 @@ use sage_run::{
 use sage_sim::{
     avoidable::AvoidanceOptions,
     fault::FaultRule,
-    search::{Order, Requirement, SearchOptions},
+    search::{Explained, Order, Requirement, SearchOptions},
 };
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -63,12 +63,15 @@ struct SearchIdentity {
     first: bool,
     order: Order,
     refine: f64,
+    explain: Explained,
     avoidable: AvoidanceOptions,
 }
 
 impl SearchIdentity {
-    fn of(SearchOptions { budget: _, require, first, order, refine, avoidable }: SearchOptions) -> Self {
-        Self { require, first, order, refine, avoidable }
+    fn of(
+        SearchOptions { budget: _, require, first, order, refine, explain, avoidable }: SearchOptions,
+    ) -> Self {
+        Self { require, first, order, refine, explain, avoidable }
     }
 }
 
@@ -109,6 +112,7 @@ impl<'a> Searcher<'a> {
             first: args.first,
             order: args.order.0,
             refine: args.refine,
+            explain: args.explain_failures.0,
             avoidable: args.avoidable.options().unwrap_or_default(),
         };
         Ok(Self { args, ego, options, estimate: Estimate::default(), named })

@@ -10,7 +10,7 @@ use sage_sim::search::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::Earlier;
+use super::{Earlier, page};
 use crate::{
     cli::TestArgs,
     junit::{Case, Verdict},
@@ -18,6 +18,9 @@ use crate::{
 
 /// What comes before the last lines of a planner's log in a message.
 const LOG: &str = "; the end of its standard error";
+
+/// Failures whose sentences are printed.
+const SHOWN: usize = 5;
 
 /// What came of a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -49,6 +52,8 @@ pub(super) struct ResultRow<'s> {
     found_with: &'s str,
     /// Cluster of that failure.
     cluster: &'s str,
+    /// What explained it, in words.
+    sentence: Option<&'s str>,
     #[serde(flatten)]
     driven: Driven,
     error: Option<String>,
@@ -84,6 +89,7 @@ impl<'s> ResultRow<'s> {
             },
             found_with: &test.found.ego,
             cluster: &test.found.cluster,
+            sentence: test.found.sentence.as_deref(),
             driven,
             error: None,
             seconds,
@@ -116,7 +122,7 @@ impl<'s> ResultRow<'s> {
     }
 
     /// What happened, in words.
-    fn words(&self) -> String {
+    pub(super) fn words(&self) -> String {
         let after = |met: &Met| format!("contact after {:.1} s", met.step as f64 / 10.0);
         match (&self.error, &self.driven) {
             // A table has no place for a traceback: the end of it says what went wrong.
@@ -157,6 +163,15 @@ impl<'s> ResultRow<'s> {
         }
     }
 
+    /// What happened, what explained the failure that the test was made of, and the command that shows the drive.
+    fn message(&self, args: &TestArgs) -> String {
+        let mut parts = vec![self.words()];
+        parts.extend(self.sentence.map(|sentence| format!("when it was found: {sentence}")));
+        let watch = page::watch(&args.suite, &self.head.test, &args.ego.for_identity());
+        parts.extend(watch.map(|command| format!("watch it: {command}")));
+        parts.join("; ")
+    }
+
     /// The mark of a test that passed with a contact.
     fn mark(&self) -> Option<String> {
         match &self.driven {
@@ -175,11 +190,11 @@ impl<'s> ResultRow<'s> {
         self.head.result == TestResult::Failed && before == Some(&TestResult::Failed)
     }
 
-    pub(super) fn case(&self, baseline: Option<&Earlier>) -> Case {
+    pub(super) fn case(&self, baseline: Option<&Earlier>, args: &TestArgs) -> Case {
         let verdict = match self.head.result {
             TestResult::Passed => Verdict::Passed(self.mark()),
             TestResult::Failed if self.is_accepted(baseline) => Verdict::Accepted(self.words()),
-            TestResult::Failed => Verdict::Failed(self.words()),
+            TestResult::Failed => Verdict::Failed(self.message(args)),
             TestResult::Error => Verdict::Error(self.words()),
         };
         Case { name: self.head.test.clone(), seconds: self.seconds, verdict }
@@ -195,13 +210,18 @@ fn fault_words(drive: &TestDrive) -> &'static str {
     }
 }
 
+/// The results, as `--json` prints them.
+pub(super) fn lines(rows: &[ResultRow]) -> Result<String> {
+    let mut out = Vec::new();
+    for row in rows {
+        terminal::write_json_line(&mut out, &serde_json::to_string(row)?)?;
+    }
+    Ok(String::from_utf8(out)?)
+}
+
 pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestArgs) -> Result<()> {
     if args.json {
-        let mut out = Vec::new();
-        for row in rows {
-            terminal::write_json_line(&mut out, &serde_json::to_string(row)?)?;
-        }
-        return Ok(output::print(&String::from_utf8(out)?)?);
+        return Ok(output::print(&lines(rows)?)?);
     }
     let heads = ["test", "result", "what happened", "found with", "cluster"];
     let mut table = Table { names: 2, ..Table::new("", &heads) };
@@ -239,12 +259,19 @@ pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
         text += &format!("; {} not in the baseline as failed", new.len());
         new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(&row.head.test)));
     }
-    // A suite may hold its scenes in another format.
-    let scene = |row: &&&ResultRow| args.suite.join(format!("{}.safetensors", row.head.test)).is_file();
-    if let Some(row) = new.iter().find(scene) {
-        let scene = args.suite.join(format!("{}.safetensors", row.head.test)).display().to_string();
-        let [scene, ego] = [scene, args.ego.for_identity()].map(output::quoted);
-        text += &format!("\nwatch one: sage simulate {scene} --ego {ego} --out watch/");
+    let ego = args.ego.for_identity();
+    if let Some(command) = new.iter().find_map(|row| page::watch(&args.suite, &row.head.test, &ego)) {
+        text += &format!("\nwatch one: {command}");
+    }
+    // A table has no room for sentences.
+    for row in new.iter().take(SHOWN) {
+        if let Some(sentence) = row.sentence {
+            text += &format!(
+                "\n{}: {}",
+                terminal::escaped_name(&row.head.test),
+                terminal::escaped_name(sentence)
+            );
+        }
     }
     progress::say_lines(&text);
     if new.is_empty() && errors == 0 { Outcome::Done } else { Outcome::NotHeld }

@@ -1,0 +1,178 @@
+//! What explains a failure: how its plan differs from the recording, how much less is no failure, who else is needed, and when
+//! braking would have been enough.
+//!
+//! All of it is found by driving again: with shares of the difference ([`Shrunk`]), and without other road users ([`Needed`]).
+//! [`Explanation::sentence`] says it in words, from the fields alone. It claims no cause: another plan, or another driver's
+//! reaction, may lead to a failure too.
+
+mod braking;
+mod deviation;
+mod needed;
+mod sentence;
+mod shrunk;
+
+use sage_core::{
+    geometry::{OrientedBox, cross, dot, sub},
+    motion::NOW,
+    objective::{Context, Feasibility},
+};
+use serde::{Deserialize, Serialize};
+
+pub use braking::Braking;
+pub use deviation::Deviation;
+pub use needed::{Needed, NeededRoadUser};
+pub use shrunk::Shrunk;
+
+use needed::Driven;
+
+use super::{Evaluated, Failure, PoolPlan, SearchOptions, circumstances::Origin, evaluation::Evaluator};
+use crate::{Error, attack_test::AttackTest};
+
+/// Which failures of a scene are explained.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Explained {
+    /// None.
+    #[default]
+    None,
+    /// The mildest one.
+    Mildest,
+    /// All.
+    All,
+}
+
+/// Lateral distance from which a car is on the left or right of the ego, metres.
+const BESIDE: f64 = 2.0;
+/// Distance along from which it is ahead or behind all the same, metres.
+const FAR: f64 = 10.0;
+
+/// Where the adversary is *now*, seen from the ego, or where it comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Approach {
+    /// In the opposite direction.
+    Oncoming,
+    /// In the ego's direction, ahead.
+    Ahead,
+    /// The same, ahead on the left.
+    AheadLeft,
+    /// The same, ahead on the right.
+    AheadRight,
+    /// Behind.
+    Behind,
+    /// Behind on the left.
+    BehindLeft,
+    /// Behind on the right.
+    BehindRight,
+    /// Beside, on the left.
+    Left,
+    /// Beside, on the right.
+    Right,
+    /// At an angle, from the left.
+    FromLeft,
+    /// At an angle, from the right.
+    FromRight,
+    /// From a place where no lane leads its way.
+    OffLanes,
+}
+
+impl Approach {
+    /// The adversary in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Oncoming => "the oncoming car",
+            Self::Ahead => "the car ahead",
+            Self::AheadLeft => "the car ahead on the left",
+            Self::AheadRight => "the car ahead on the right",
+            Self::Behind => "the car behind",
+            Self::BehindLeft => "the car behind on the left",
+            Self::BehindRight => "the car behind on the right",
+            Self::Left => "the car on the left",
+            Self::Right => "the car on the right",
+            Self::FromLeft => "the car from the left",
+            Self::FromRight => "the car from the right",
+            Self::OffLanes => "the car from beside the lanes",
+        }
+    }
+
+    /// By the boxes *now*; `origin` is where the adversary comes from.
+    fn of(ego: &OrientedBox, adversary: &OrientedBox, origin: Origin) -> Self {
+        let way = sub(adversary.center, ego.center);
+        let (ahead, left) = (dot(ego.axis, way), cross(ego.axis, way));
+        match origin {
+            Origin::OffLanes => Self::OffLanes,
+            Origin::OppositeDirection => Self::Oncoming,
+            // Who heads to the right comes from the left.
+            Origin::SideRoad if cross(ego.axis, adversary.axis) < 0.0 => Self::FromLeft,
+            Origin::SideRoad => Self::FromRight,
+            Origin::SameDirection => match (ahead, left.abs() > BESIDE, left > 0.0) {
+                (_, false, _) if ahead > 0.0 => Self::Ahead,
+                (_, false, _) => Self::Behind,
+                (x, _, true) if x > FAR => Self::AheadLeft,
+                (x, _, false) if x > FAR => Self::AheadRight,
+                (x, _, true) if x < -FAR => Self::BehindLeft,
+                (x, _, false) if x < -FAR => Self::BehindRight,
+                (_, _, true) => Self::Left,
+                (_, _, false) => Self::Right,
+            },
+        }
+    }
+}
+
+/// What explains a failure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Explanation {
+    /// Where the adversary is *now*; `None` if that cannot be told.
+    pub approach: Option<Approach>,
+    /// The failure with less of its difference from the recording; `None` if the adversary is not recorded up to the contact.
+    pub shrunk: Option<Shrunk>,
+    /// The other road users that it takes.
+    pub needed: Needed,
+    /// Braking of the driver, and what would have been enough.
+    pub braking: Braking,
+    /// Number of drives that the explanation took, unattacked ones included.
+    pub drives: usize,
+}
+
+/// What explains the failures of a search.
+pub(super) struct Explainer<'e> {
+    pub(super) test: &'e AttackTest<'e>,
+    pub(super) ctx: &'e Context,
+    pub(super) rule: &'e dyn Feasibility,
+    pub(super) evaluator: &'e Evaluator<'e>,
+    pub(super) options: &'e SearchOptions,
+}
+
+impl Explainer<'_> {
+    /// Explains a failure.
+    ///
+    /// *Errors*: those of the scene; errors of the driver are reasons for which a drive is no failure.
+    pub(super) fn explain(
+        &self,
+        plan: &PoolPlan,
+        evaluated: &Evaluated,
+        failure: &Failure,
+    ) -> Result<Explanation, Error> {
+        let mut drives = 0;
+        let shrunk = shrunk::shrink(self.evaluator, self.ctx, self.rule, plan, evaluated, &mut drives);
+        let trajectory = plan.candidate.trajectory();
+        let contact = evaluated.contact.as_ref().and_then(|met| usize::try_from(met.step).ok()).unwrap_or(0);
+        let driven = Driven::new(&failure.path, contact);
+        let needed = Needed::of(self.test, self.ctx, trajectory, &driven, self.options, &mut drives)?;
+        let ego = failure.path.history.last().map(|[x, y, heading]| {
+            let [length, width] = self.ctx.ego_size();
+            OrientedBox::new([*x, *y], *heading, length, width)
+        });
+        let origin = failure.circumstances.as_ref().map(|circumstances| circumstances.adversary_from);
+        let adversary = Some(self.ctx.adversary()).filter(|track| track.is_valid(NOW));
+        let approach = ego.zip(adversary).zip(origin);
+        Ok(Explanation {
+            approach: approach
+                .map(|((ego, track), origin)| Approach::of(&ego, &track.oriented_box(NOW), origin)),
+            shrunk,
+            needed,
+            braking: Braking::of(&failure.path, &failure.avoidable, contact),
+            drives,
+        })
+    }
+}

@@ -1,0 +1,97 @@
+//! Whether braking would have done, and when the driver brakes.
+
+use sage_core::{geometry::distance, motion::DT};
+use serde::{Deserialize, Serialize};
+
+use crate::{avoidable::Avoidable, search::AttackedPath};
+
+/// Deceleration from which a driver brakes, m/s².
+const BRAKES: f64 = 1.5;
+/// Speed below which a car stands, m/s: who brakes to a stop does not release the brake.
+const STANDING: f64 = 0.5;
+/// Difference of two times that are the same, seconds.
+pub(super) const ROUNDING: f64 = 0.05;
+/// Steps of a break within one braking, and before the contact: drivers act at 10 Hz.
+const BREAK: usize = 3;
+
+/// Braking against the plan, seconds before the contact.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Braking {
+    /// When the driver begins to brake, by 1.5 m/s² or more, up to the contact; `None` if it does not.
+    pub brakes_before_contact: Option<f64>,
+    /// Up to when full braking alone prevents the contact; `None` if it never does.
+    pub time_to_brake: Option<f64>,
+    /// The same of steering alone.
+    pub time_to_steer: Option<f64>,
+    /// The same of any evasive manoeuvre.
+    pub time_to_evade: Option<f64>,
+}
+
+impl Braking {
+    /// Whether the driver brakes too late, too weakly or not, or whether braking alone is not enough.
+    pub fn class(&self) -> &'static str {
+        match (self.time_to_brake, self.brakes_before_contact) {
+            (None, _) if self.time_to_steer.is_some() => "only steering helps",
+            (None, _) => "braking alone is not enough",
+            (Some(_), None) => "does not brake",
+            (Some(time), Some(own)) if own < time - ROUNDING => "brakes too late",
+            (Some(_), Some(_)) => "brakes too weakly",
+        }
+    }
+
+    /// The braking of an attacked drive with a contact at a step, 1 or later.
+    pub(super) fn of(path: &AttackedPath, avoidable: &Avoidable, contact: usize) -> Self {
+        let now = path.history.last().map(|[x, y, _]| [*x, *y]);
+        let until = path.positions.iter().take(contact.saturating_sub(1)).copied();
+        let points: Vec<_> = now.into_iter().chain(until).collect();
+        let speeds: Vec<f64> = points.windows(2).map(|w| distance(w[0], w[1]) / DT).collect();
+        Self {
+            brakes_before_contact: last_braking(&speeds)
+                .map(|first| (contact - first) as f64 * DT)
+                .map(|time| (time * 10.0).round() / 10.0),
+            time_to_brake: avoidable.latest_brake,
+            time_to_steer: avoidable.latest_steer,
+            time_to_evade: avoidable.latest_start,
+        }
+    }
+}
+
+/// Step at which the braking begins that goes on up to the end; `speeds` are those of the steps from *now* on.
+fn last_braking(speeds: &[f64]) -> Option<usize> {
+    let brakes = |k: usize| (speeds[k - 1] - speeds[k]) / DT >= BRAKES;
+    let is_braking: Vec<bool> =
+        (1..speeds.len()).map(|k| brakes(k) || speeds[k - 1].max(speeds[k]) < STANDING).collect();
+    let (mut first, mut quiet) = (None, 0);
+    for (k, braking) in is_braking.iter().enumerate().rev() {
+        if *braking {
+            (first, quiet) = (Some(k), 0);
+        } else {
+            quiet += 1;
+            if quiet > BREAK {
+                break;
+            }
+        }
+    }
+    // A car that stood all the time did not brake.
+    first.filter(|first| (*first..is_braking.len()).any(|k| brakes(k + 1))).map(|first| first + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn braking_is_what_goes_on_up_to_the_contact() {
+        let constant = vec![8.0; 20];
+        assert_eq!(last_braking(&constant), None);
+        let late: Vec<f64> = (0..20).map(|k| 8.0 - 0.3 * (k as f64 - 16.0).max(0.0)).collect();
+        assert_eq!(last_braking(&late), Some(17));
+        // A braking that ended a second before is another one.
+        let early: Vec<f64> = (0..20).map(|k| 8.0 - 0.3 * f64::min(k as f64, 8.0)).collect();
+        assert_eq!(last_braking(&early), None);
+        let stops: Vec<f64> = (0..20).map(|k| (4.0 - 0.4 * k as f64).max(0.0)).collect();
+        assert_eq!(last_braking(&stops), Some(1), "it stands because it braked");
+        assert_eq!(last_braking(&[0.0; 20]), None, "it stood before");
+        assert_eq!(last_braking(&[]), None);
+    }
+}

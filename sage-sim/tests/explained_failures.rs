@@ -187,3 +187,64 @@ fn a_scene_among_some_road_users_has_them_and_both_roles() {
     assert_eq!((some.ego().id.as_str(), some.adversary().unwrap().id.as_str()), ("ego", "adversary"));
     assert_eq!(&whole.scene().among(|_| true), &**whole.scene());
 }
+
+/// Failures of `idm` by simple attacks in procedural scenes.
+#[test]
+fn what_an_explanation_says_holds_when_it_is_driven_again() {
+    use sage_data::procedural::{Kind, attacks, generate};
+    let policy = policies().unwrap().build_default("idm").unwrap();
+    let options = SearchOptions {
+        require: Requirement::of(&[Clause::Believable, Clause::AtFault]),
+        explain: Explained::All,
+        refine: 0.0,
+        ..SearchOptions::default()
+    };
+    let (mut shrunk, mut alone, mut needed) = (0, 0, 0);
+    for (seed, kind) in
+        (0..24).zip([Kind::FourWay, Kind::Merge, Kind::Straight, Kind::TJunction].into_iter().cycle())
+    {
+        let Some(scene) = generate(kind, seed, 0) else { continue };
+        let plans = attacks(&scene).into_iter().map(|(_, plan)| Proposal::of(plan)).collect();
+        let simulated = prepared(scene);
+        let test = AttackTest::new(&*policy, &simulated, 0).unwrap();
+        let ctx = test.context().unwrap();
+        let mut pool = Pool::new(&ctx, &Anything, vec![plans], 256);
+        let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, None).unwrap();
+        for failure in &result.failures {
+            let explanation = failure.explanation.as_ref().unwrap();
+            let failing = &result.driven[failure.drive];
+            let drives = |test: &AttackTest, plan: &Trajectory| {
+                let ctx = test.context().unwrap();
+                let mut drives = PlanDrives::new(test, &ctx, &Anything, &options).unwrap();
+                drives.evaluate(0, &Proposal::of(plan.clone())).unwrap().unwrap()
+            };
+            if let Some(found) = &explanation.shrunk {
+                let again = drives(&test, &found.trajectory);
+                assert!(again.clauses.meet(options.require), "{kind:?} {seed}");
+                assert_eq!((again.contact, again.clauses), (found.contact.clone(), found.clauses));
+                shrunk += 1;
+            }
+            let plan = &pool.plans[failing.plan].proposal.trajectory;
+            let tracks = &simulated.scene().tracks;
+            let set: Vec<usize> = explanation
+                .needed
+                .road_users
+                .iter()
+                .map(|user| tracks.iter().position(|track| track.id == user.track).unwrap())
+                .collect();
+            let fails = |set: &[usize]| {
+                let test = test.among(|track| set.contains(&track)).unwrap();
+                drives(&test, plan).clauses.meet(options.require)
+            };
+            assert!(fails(&set), "{kind:?} {seed}: {:?}", explanation.needed);
+            if explanation.needed.is_minimal {
+                for out in &set {
+                    let fewer: Vec<usize> = set.iter().copied().filter(|track| track != out).collect();
+                    assert!(!fails(&fewer), "{kind:?} {seed}: {:?}", explanation.needed);
+                }
+            }
+            if set.is_empty() { alone += 1 } else { needed += 1 }
+        }
+    }
+    assert!(shrunk > 10 && alone > 5 && needed > 0, "{shrunk} shrunk, {alone} alone, {needed} need others");
+}

@@ -14,7 +14,7 @@ mod shrunk;
 use sage_core::{
     geometry::{OrientedBox, cross, dot, sub},
     motion::NOW,
-    objective::{Context, Feasibility},
+    objective::{CollisionType, Context, Feasibility},
 };
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +25,10 @@ pub use shrunk::Shrunk;
 
 use needed::Driven;
 
-use super::{Evaluated, Failure, PoolPlan, SearchOptions, circumstances::Origin, evaluation::Evaluator};
+use super::{
+    Evaluated, Failure, Features, PoolPlan, SearchOptions, circumstances::Origin, evaluation::Evaluator,
+    manoeuvre::Manoeuvre, onset::onset,
+};
 use crate::{Error, attack_test::AttackTest};
 
 /// Which failures of a scene are explained.
@@ -43,8 +46,6 @@ pub enum Explained {
 
 /// Lateral distance from which a car is on the left or right of the ego, metres.
 const BESIDE: f64 = 2.0;
-/// Distance along from which it is ahead or behind all the same, metres.
-const FAR: f64 = 10.0;
 
 /// Where the adversary is *now*, seen from the ego, or where it comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -99,6 +100,8 @@ impl Approach {
     fn of(ego: &OrientedBox, adversary: &OrientedBox, origin: Origin) -> Self {
         let way = sub(adversary.center, ego.center);
         let (ahead, left) = (dot(ego.axis, way), cross(ego.axis, way));
+        // Cars in one direction that are no more beside each other.
+        let apart = ego.half_length + adversary.half_length;
         match origin {
             Origin::OffLanes => Self::OffLanes,
             Origin::OppositeDirection => Self::Oncoming,
@@ -108,10 +111,10 @@ impl Approach {
             Origin::SameDirection => match (ahead, left.abs() > BESIDE, left > 0.0) {
                 (_, false, _) if ahead > 0.0 => Self::Ahead,
                 (_, false, _) => Self::Behind,
-                (x, _, true) if x > FAR => Self::AheadLeft,
-                (x, _, false) if x > FAR => Self::AheadRight,
-                (x, _, true) if x < -FAR => Self::BehindLeft,
-                (x, _, false) if x < -FAR => Self::BehindRight,
+                (x, _, true) if x > apart => Self::AheadLeft,
+                (x, _, false) if x > apart => Self::AheadRight,
+                (x, _, true) if x < -apart => Self::BehindLeft,
+                (x, _, false) if x < -apart => Self::BehindRight,
                 (_, _, true) => Self::Left,
                 (_, _, false) => Self::Right,
             },
@@ -124,6 +127,12 @@ impl Approach {
 pub struct Explanation {
     /// Where the adversary is *now*; `None` if that cannot be told.
     pub approach: Option<Approach>,
+    /// Type of the collision.
+    pub collision: Option<CollisionType>,
+    /// What the driver does up to the contact.
+    pub ego: Option<Manoeuvre>,
+    /// Its speed then, m/s.
+    pub ego_speed: Option<f64>,
     /// The failure with less of its difference from the recording; `None` if the adversary is not recorded up to the contact.
     pub shrunk: Option<Shrunk>,
     /// The other road users that it takes.
@@ -166,12 +175,19 @@ impl Explainer<'_> {
         let origin = failure.circumstances.as_ref().map(|circumstances| circumstances.adversary_from);
         let adversary = Some(self.ctx.adversary()).filter(|track| track.is_valid(NOW));
         let approach = ego.zip(adversary).zip(origin);
+        let driven_ctx = failure.path.context(self.ctx)?;
+        let met = evaluated.contact.as_ref();
+        let features = met.and_then(|met| Features::of(&driven_ctx, &plan.candidate, met, None));
+        let onset = onset(&plan.candidate, self.ctx, contact);
         Ok(Explanation {
+            collision: features.map(|features| features.collision),
+            ego: features.map(|features| features.ego),
+            ego_speed: features.map(|features| features.ego_speed),
             approach: approach
                 .map(|((ego, track), origin)| Approach::of(&ego, &track.oriented_box(NOW), origin)),
             shrunk,
             needed,
-            braking: Braking::of(&failure.path, &failure.avoidable, contact),
+            braking: Braking::of(&failure.path, &failure.avoidable, contact, onset),
             drives,
         })
     }

@@ -27,6 +27,7 @@ use sage_run::{
 use sage_sim::{
     episode::LAST_FRAME,
     fault::FaultRule,
+    policy::Shown,
     search::{Circumstances, Features, SearchOptions, suite::MOST_TESTS},
 };
 use serde::{Deserialize, de::DeserializeOwned};
@@ -116,6 +117,7 @@ impl<'a> Found<'a> {
         let check = || -> Result<()> {
             check_poses("ego_history", &failure.ego_history, NOW + 1..=NOW + 1)?;
             check_poses("ego_path", &failure.ego_path, 1..=HORIZON)?;
+            check_shown(&failure.shown)?;
             check_poses("witness", failure.avoidable.witness.as_deref().unwrap_or_default(), 0..=HORIZON)
         };
         check().with_context(|| format!("`{}`", path.display()))?;
@@ -137,6 +139,19 @@ pub(in crate::commands) fn check_poses(
     let is_usable = |pose: &[f64; 3]| pose.iter().all(|x| x.abs() <= MAX_COORDINATE);
     let wrong = poses.iter().position(|pose| !is_usable(pose));
     ensure!(wrong.is_none(), "`{field}`: pose {} is out of range", wrong.unwrap_or_default());
+    Ok(())
+}
+
+/// Checks what a driver showed, in a row that may come from anywhere.
+///
+/// *Errors*: a step that no drive has, or a number that is too large.
+pub(in crate::commands) fn check_shown(shown: &[Shown]) -> Result<()> {
+    let is_usable = |shown: &Shown| {
+        let numbers = shown.plan.as_flattened();
+        shown.step <= LAST_FRAME && numbers.iter().all(|x| x.abs() <= MAX_COORDINATE)
+    };
+    let wrong = shown.iter().position(|shown| !is_usable(shown));
+    ensure!(wrong.is_none(), "`shown`: entry {} is out of range", wrong.unwrap_or_default());
     Ok(())
 }
 

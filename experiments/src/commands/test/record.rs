@@ -19,7 +19,7 @@ use sage_view::player::{Meeting, shown_part};
 use serde::{Deserialize, Serialize};
 
 use super::row::{ResultHead, ResultRow};
-use crate::commands::search::found::check_poses;
+use crate::commands::search::found::{check_poses, check_shown};
 
 /// Folder of the drives in that of the results, and of the unchanged scenes.
 pub(super) const DRIVES: &str = "drives";
@@ -136,11 +136,7 @@ impl TestRecord {
                     numbers.into_iter().all(|x| x.abs() <= MAX_COORDINATE),
                     "`contact` has a number out of range"
                 );
-                let numbers = drive.shown.iter().flat_map(|shown| shown.plan.as_flattened());
-                ensure!(
-                    numbers.into_iter().all(|x| x.abs() <= MAX_COORDINATE),
-                    "`shown` has a number out of range"
-                );
+                check_shown(&drive.shown)?;
             }
             Ok(record)
         };

@@ -19,6 +19,10 @@ const BREAK: usize = 3;
 pub struct Braking {
     /// When the driver begins to brake, by 1.5 m/s² or more, up to the contact; `None` if it does not.
     pub brakes_before_contact: Option<f64>,
+    /// Largest deceleration of that braking, m/s².
+    pub own_deceleration: Option<f64>,
+    /// Since when the plan shows: its onset.
+    pub plan_shows: f64,
     /// Up to when full braking alone prevents the contact; `None` if it never does.
     pub time_to_brake: Option<f64>,
     /// The same of steering alone.
@@ -33,22 +37,31 @@ impl Braking {
         match (self.time_to_brake, self.brakes_before_contact) {
             (None, _) if self.time_to_steer.is_some() => "only steering helps",
             (None, _) => "braking alone is not enough",
+            (Some(time), _) if self.plan_shows < time - ROUNDING => {
+                "would have to brake before the plan shows"
+            }
             (Some(_), None) => "does not brake",
             (Some(time), Some(own)) if own < time - ROUNDING => "brakes too late",
             (Some(_), Some(_)) => "brakes too weakly",
         }
     }
 
-    /// The braking of an attacked drive with a contact at a step, 1 or later.
-    pub(super) fn of(path: &AttackedPath, avoidable: &Avoidable, contact: usize) -> Self {
+    /// The braking of an attacked drive with a contact at a step, 1 or later; `onset` is that of the plan, seconds after *now*.
+    pub(super) fn of(path: &AttackedPath, avoidable: &Avoidable, contact: usize, onset: f64) -> Self {
         let now = path.history.last().map(|[x, y, _]| [*x, *y]);
         let until = path.positions.iter().take(contact.saturating_sub(1)).copied();
         let points: Vec<_> = now.into_iter().chain(until).collect();
         let speeds: Vec<f64> = points.windows(2).map(|w| distance(w[0], w[1]) / DT).collect();
+        let tenth = |time: f64| (time * 10.0).round() / 10.0;
+        let begin = last_braking(&speeds);
+        let hardest = |first: usize| {
+            let changes = speeds[first - 1..].windows(2).map(|w| (w[0] - w[1]) / DT);
+            changes.fold(0.0, f64::max)
+        };
         Self {
-            brakes_before_contact: last_braking(&speeds)
-                .map(|first| (contact - first) as f64 * DT)
-                .map(|time| (time * 10.0).round() / 10.0),
+            brakes_before_contact: begin.map(|first| tenth((contact - first) as f64 * DT)),
+            own_deceleration: begin.map(hardest),
+            plan_shows: tenth(contact as f64 * DT - onset),
             time_to_brake: avoidable.latest_brake,
             time_to_steer: avoidable.latest_steer,
             time_to_evade: avoidable.latest_start,

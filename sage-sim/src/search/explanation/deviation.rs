@@ -1,18 +1,16 @@
 //! How a plan differs from what the adversary was recorded to do.
 
 use sage_core::{
-    geometry::{Point, cross, distance, dot, norm, sub},
+    geometry::{OrientedBox, Point, cross, distance, dot, norm, sub, wrap_angle},
     motion::{DT, NOW, Trajectory},
     objective::{Candidate, Context},
 };
 use serde::{Deserialize, Serialize};
 
-use crate::search::manoeuvre::Manoeuvre;
-
 /// Steps over which a difference of accelerations is averaged.
 const AVERAGED: usize = 5;
-/// Speed below which a car stands, m/s.
-const STANDING: f64 = 0.5;
+/// Steps over which speeds are measured.
+const SPEED: usize = 3;
 
 /// How a plan differs from the recording of the adversary, up to the contact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,16 +21,18 @@ pub struct Deviation {
     pub along: f64,
     /// How much further to the left of it, metres.
     pub left: f64,
-    /// Mean speed up to the contact, m/s.
+    /// Speed in the first 0.3 s, m/s.
+    pub speed_now: f64,
+    /// Speed in the last 0.3 s before the contact, m/s.
     pub speed: f64,
     /// The same of the recording.
     pub recorded_speed: f64,
-    /// Whether it stands at the contact.
-    pub stands: bool,
-    /// What it does up to the contact.
-    pub manoeuvre: Manoeuvre,
-    /// What it was recorded to do.
-    pub recorded_manoeuvre: Manoeuvre,
+    /// Change of its heading up to the contact, rad, positive to the left.
+    pub turned: f64,
+    /// The same of the recording.
+    pub recorded_turned: f64,
+    /// The same of all that is recorded.
+    pub turned_later: f64,
 }
 
 impl Deviation {
@@ -41,26 +41,36 @@ impl Deviation {
         let recorded = recorded(ctx);
         let end = *recorded.get(contact.checked_sub(1)?)?;
         let track = ctx.adversary();
-        let boxes: Vec<_> = (NOW + 1..=NOW + contact).map(|frame| track.oriented_box(frame)).collect();
-        let (axis, planned) = (boxes[contact - 1].axis, plan.boxes().get(..contact)?);
-        let apart = sub(plan.points()[contact - 1], end);
+        let (axis, points) = (track.oriented_box(NOW + contact).axis, plan.points().get(..contact)?);
+        let apart = sub(points[contact - 1], end);
         let start = track.point(NOW);
-        let mean_speed = |points: &[Point]| {
-            let from = std::iter::once(&start).chain(points);
-            from.zip(points).map(|(a, b)| distance(*a, *b)).sum::<f64>() / (contact as f64 * DT)
+        let recorded_turn = |until: usize| {
+            let headings = track.heading[NOW..=NOW + until].windows(2);
+            headings.map(|w| wrap_angle(w[1] - w[0])).sum::<f64>()
         };
-        let last = *contact.checked_sub(2).map_or(&start, |before| &plan.points()[before]);
+        let heading = |area: &OrientedBox| area.axis[1].atan2(area.axis[0]);
+        let boxes: Vec<OrientedBox> =
+            std::iter::once(plan.box_now()).chain(plan.boxes()[..contact].iter().copied()).collect();
+        let turned = boxes.windows(2).map(|w| wrap_angle(heading(&w[1]) - heading(&w[0]))).sum();
         Some(Self {
             acceleration: difference_of_accelerations(plan.trajectory(), &recorded[..contact]),
             along: dot(axis, apart),
             left: cross(axis, apart),
-            speed: mean_speed(&plan.points()[..contact]),
-            recorded_speed: mean_speed(&recorded[..contact]),
-            stands: distance(last, plan.points()[contact - 1]) / DT < STANDING,
-            manoeuvre: Manoeuvre::of(planned, ctx.index()),
-            recorded_manoeuvre: Manoeuvre::of(&boxes, ctx.index()),
+            speed_now: last_speed(start, &points[..SPEED.min(contact)]),
+            speed: last_speed(start, points),
+            recorded_speed: last_speed(start, &recorded[..contact]),
+            turned,
+            recorded_turned: recorded_turn(contact),
+            turned_later: recorded_turn(recorded.len()),
         })
     }
+}
+
+/// Speed of a path in its last steps, m/s.
+fn last_speed(start: Point, points: &[Point]) -> f64 {
+    let steps = SPEED.min(points.len()).max(1);
+    let from = points.len().checked_sub(steps + 1).map_or(start, |k| points[k]);
+    points.last().map_or(0.0, |end| distance(from, *end) / (steps as f64 * DT))
 }
 
 /// Recorded positions of the adversary from step 1 on, up to the first gap; none if it is not valid *now*.

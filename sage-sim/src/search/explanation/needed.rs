@@ -22,6 +22,8 @@ const REACH: f64 = 80.0;
 const MOST_DRIVES: usize = 30;
 /// Road users that are tried alone, the likeliest first.
 const ALONE: usize = 6;
+/// The likeliest ones, among which a set is searched first.
+const LIKELY: usize = 12;
 /// What a second between two road users at one place counts, metres.
 const SECOND: f64 = 1.0;
 
@@ -147,6 +149,9 @@ impl Subsets<'_> {
         }
         let (set, is_minimal) = match set {
             Some(found) => found,
+            None if near.len() > LIKELY && self.fails(&near[..LIKELY])? => {
+                self.minimise(near[..LIKELY].to_vec())?
+            }
             None if self.fails(&near)? => self.minimise(near)?,
             None => (others, false),
         };

@@ -2,94 +2,162 @@
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
+use sage_core::objective::CollisionType;
+
 use super::{Braking, Deviation, Explanation, Needed, NeededRoadUser, Shrunk, braking::ROUNDING};
 use crate::search::{Reason, manoeuvre::Manoeuvre};
 
 /// Difference along the way up to which metres say more than speeds.
 const METRES: f64 = 4.0;
-/// Differences that are not mentioned, metres: alone, and beside others.
-const NOTHING: f64 = 0.05;
-const LITTLE: f64 = 0.3;
+/// Differences that are not mentioned: of places (metres), of speeds (m/s), of turns (rad).
+const NEAR: f64 = 0.3;
+const SAME_SPEED: f64 = 1.0;
+const SAME_TURN: f64 = PI / 9.0;
+/// Speed below which a car stands, m/s.
+const STANDING: f64 = 0.5;
 /// Road users that are named.
 const NAMED: usize = 3;
 
 impl Explanation {
     /// The failure of a driver with a contact so many seconds after *now*; `deviation` is that of its plan.
     pub fn sentence(&self, ego: &str, after: f64, deviation: Option<&Deviation>) -> String {
-        let who = self.approach.map_or("the adversary", |approach| approach.words());
-        let differs = deviation.map_or("follows its plan".to_owned(), differences);
-        let mut sentences = vec![format!("{ego} fails {after:.1} s after now, when {who} {differs}.")];
+        let mut sentences =
+            vec![format!("After {after:.1} s {ego}{} {}.", self.driving(), self.meets(deviation))];
+        sentences.extend(deviation.map(|deviation| format!("That car {}.", differences(deviation))));
         sentences.push(self.braking.sentence());
         sentences.push(self.needed.sentence());
-        sentences.extend(self.shrunk.as_ref().map(Shrunk::sentence));
+        sentences.extend(self.shrunk.as_ref().and_then(Shrunk::sentence));
         sentences.join(" ")
+    }
+
+    /// What the driver does, and how fast.
+    fn driving(&self) -> String {
+        let Some((does, speed)) = self.ego.zip(self.ego_speed) else { return String::new() };
+        let does = match does {
+            Manoeuvre::Stands => return ", standing,".to_owned(),
+            Manoeuvre::TurnsLeft => "turning left",
+            Manoeuvre::TurnsRight => "turning right",
+            Manoeuvre::MovesLeft => "moving left",
+            Manoeuvre::MovesRight => "moving right",
+            Manoeuvre::Brakes => "braking, now",
+            Manoeuvre::Accelerates => "accelerating, now",
+            Manoeuvre::DrivesOn => "driving on",
+        };
+        format!(", {does} at {speed:.1} m/s,")
+    }
+
+    /// Whom it meets, and how.
+    fn meets(&self, deviation: Option<&Deviation>) -> String {
+        let mut who = self.approach.map_or("the adversary", |approach| approach.words()).to_owned();
+        if let Some(deviation) = deviation {
+            who += &format!(" ({:.1} m/s)", deviation.speed);
+        }
+        match self.collision {
+            None => format!("collides with {who}"),
+            Some(CollisionType::RearEnd) => format!("runs into the rear of {who}"),
+            Some(CollisionType::CutIn) => format!("runs into {who}, which came into its path"),
+            Some(CollisionType::Crossing) => format!("meets {who} at an angle"),
+            Some(CollisionType::TurningAcross) => format!("meets {who} at an angle, as one of them turns"),
+            Some(CollisionType::Oncoming) => format!("meets {who} head-on"),
+            Some(CollisionType::Sideswipe) => format!("meets {who} side against side"),
+            Some(CollisionType::RearEnded) => format!("is hit from behind by {who}"),
+        }
     }
 }
 
 /// What the adversary does in place of what it was recorded to do.
 fn differences(deviation: &Deviation) -> String {
-    let Deviation { along, left, speed, recorded_speed, stands, manoeuvre, recorded_manoeuvre, .. } =
-        *deviation;
-    let is_far = along.abs() >= METRES;
+    let Deviation {
+        along,
+        left,
+        speed_now,
+        speed,
+        recorded_speed,
+        turned,
+        recorded_turned,
+        turned_later,
+        ..
+    } = *deviation;
     let mut parts = Vec::new();
-    if is_far && stands {
-        parts.push(format!("has stopped, in place of {recorded_speed:.1} m/s on average"));
-    } else if is_far {
-        parts.push(format!("drives {speed:.1} m/s on average in place of {recorded_speed:.1}"));
+    let differs = (speed - recorded_speed).abs() >= SAME_SPEED;
+    if differs && speed < STANDING {
+        parts.push(format!("stops (recorded: goes on at {recorded_speed:.1} m/s)"));
+    } else if differs && recorded_speed < STANDING {
+        parts.push(format!("goes on at {speed:.1} m/s (recorded: stands)"));
+    } else if differs {
+        parts.push(format!("goes from {speed_now:.1} to {speed:.1} m/s (recorded: to {recorded_speed:.1})"));
     }
-    if manoeuvre != recorded_manoeuvre {
-        if sideways(manoeuvre).is_some() {
-            parts.push(format!("{} (recorded: {})", manoeuvre.words(), recorded_manoeuvre.words()));
-        } else if let Some(recorded) = sideways(recorded_manoeuvre) {
-            parts.push(format!("does not {recorded} as recorded"));
-        }
+    let turns = (turned - recorded_turned).abs() >= SAME_TURN;
+    if turns {
+        let later = if (turned_later - turned).abs() < (turned_later - recorded_turned).abs()
+            && turned.abs() > recorded_turned.abs()
+        {
+            ", and the same later"
+        } else {
+            ""
+        };
+        parts.push(format!("turns {} (recorded: {} by then{later})", angle(turned), angle(recorded_turned)));
     }
     let mut metres = Vec::new();
-    if !is_far && along.abs() >= NOTHING {
+    if along.abs() >= NEAR && (along.abs() < METRES || !differs) {
         metres.push(format!("{:.1} m further {}", along.abs(), if along > 0.0 { "along" } else { "back" }));
     }
-    if left.abs() >= if parts.is_empty() { NOTHING } else { LITTLE } {
+    // To the left of a direction that it does not have any more says nothing.
+    if left.abs() >= NEAR && !turns {
         let side = if left > 0.0 { "left" } else { "right" };
         metres.push(format!("{:.1} m further {side}", left.abs()));
     }
     if !metres.is_empty() {
         parts.push(format!("is {} than recorded", metres.join(" and ")));
     }
-    if parts.is_empty() { "drives as recorded".to_owned() } else { list(&parts) }
+    if parts.is_empty() { "drives nearly as recorded".to_owned() } else { list(&parts) }
 }
 
-/// What a car does that leaves its way.
-fn sideways(manoeuvre: Manoeuvre) -> Option<&'static str> {
-    match manoeuvre {
-        Manoeuvre::TurnsLeft => Some("turn left"),
-        Manoeuvre::TurnsRight => Some("turn right"),
-        Manoeuvre::MovesLeft => Some("move left"),
-        Manoeuvre::MovesRight => Some("move right"),
-        _ => None,
+/// A turn in degrees, with its side.
+fn angle(turn: f64) -> String {
+    let degrees = turn.to_degrees().abs().round();
+    if degrees < 5.0 {
+        return "not".to_owned();
     }
+    format!("{degrees}° to the {}", if turn > 0.0 { "left" } else { "right" })
 }
 
 impl Braking {
     fn sentence(&self) -> String {
         let Some(time) = self.time_to_brake else {
             return match (self.time_to_steer, self.time_to_evade) {
-                (Some(time), _) => format!(
-                    "Braking alone would not have been enough; steering, up to {time:.1} s before the contact, would."
-                ),
-                (None, Some(time)) => format!(
-                    "Neither braking nor steering alone would have been enough; both together, up to {time:.1} s before the contact, would."
-                ),
+                (Some(time), _) => {
+                    format!(
+                        "Braking alone would not have been enough; steering, up to {time:.1} s before the contact, would."
+                    )
+                }
+                (None, Some(time)) => {
+                    format!(
+                        "Neither braking nor steering alone would have been enough; both, up to {time:.1} s before the contact, would."
+                    )
+                }
                 (None, None) => "No evasive manoeuvre was found.".to_owned(),
             };
         };
+        let hardest = self.own_deceleration.unwrap_or_default();
         let own = match self.brakes_before_contact {
             None => "the driver does not brake".to_owned(),
-            Some(own) if own < time - ROUNDING => {
-                format!("the driver brakes {own:.1} s before it, {:.1} s too late", time - own)
+            Some(own) => {
+                format!("the driver brakes from {own:.1} s before it on, by {hardest:.1} m/s² at most")
             }
-            Some(own) => format!("the driver brakes from {own:.1} s before it on, too weakly"),
         };
-        format!("Full braking, up to {time:.1} s before the contact, would have been enough; {own}.")
+        if self.plan_shows < time - ROUNDING {
+            let shows = self.plan_shows;
+            return format!(
+                "Full braking would have been enough up to {time:.1} s before the contact, but the plan shows only {shows:.1} s before it; {own}."
+            );
+        }
+        let late = match self.brakes_before_contact {
+            Some(own) if own < time - ROUNDING => format!(": {:.1} s too late", time - own),
+            Some(_) => ": too weakly".to_owned(),
+            None => String::new(),
+        };
+        format!("Full braking would have been enough up to {time:.1} s before the contact; {own}{late}.")
     }
 }
 
@@ -98,7 +166,7 @@ impl Needed {
         let Some(without) = self.without else { return "No other road user is needed.".to_owned() };
         if !self.is_minimal {
             return format!(
-                "The failure needs other road users, some of {}: without any, {}.",
+                "Some of {} other road users are needed: without any, {}.",
                 self.road_users.len(),
                 without.flips()
             );
@@ -107,8 +175,7 @@ impl Needed {
         if let more @ 1.. = self.road_users.len().saturating_sub(NAMED) {
             named.push(format!("{more} more"));
         }
-        let them = if self.road_users.len() == 1 { "it" } else { "them" };
-        format!("The failure needs {}: without {them}, {}.", list(&named), without.flips())
+        format!("Without {}, {}.", list(&named), without.flips())
     }
 }
 
@@ -122,28 +189,32 @@ impl NeededRoadUser {
             _ => "right of",
         };
         let kind = self.kind.to_lowercase().replace('_', " ");
-        format!("{kind} {} ({:.0} m {side} the ego)", self.track, self.distance)
+        format!("{kind} {} ({:.0} m {side} the ego now)", self.track, self.distance)
     }
 }
 
 impl Shrunk {
-    fn sentence(&self) -> String {
+    /// How much less of the difference is no failure; `None` if nothing can be said, as a car cannot drive a little less.
+    fn sentence(&self) -> Option<String> {
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
-        let too =
-            format!("With {} of the difference from the recording the driver fails too", percent(self.share));
-        match (self.less, self.less_is) {
-            (Some(less), Some(reason)) if self.share < 1.0 => {
-                format!("{too}; with {}, {}.", percent(self.share - less), reason.flips())
-            }
-            (Some(less), Some(reason)) => {
+        let next = self.less.zip(self.less_is.filter(|reason| *reason != Reason::NoFeasiblePlan));
+        let next = next.map(|(less, reason)| (percent(self.share - less), reason.flips()));
+        Some(match (self.share < 1.0, next) {
+            (true, Some((less, flips))) => format!(
+                "With {} of the difference from the recording the driver fails too; with {less}, {flips}.",
+                percent(self.share)
+            ),
+            (true, None) => {
                 format!(
-                    "With {} of the difference from the recording, {}.",
-                    percent(1.0 - less),
-                    reason.flips()
+                    "With {} of the difference from the recording the driver fails too.",
+                    percent(self.share)
                 )
             }
-            _ => format!("{too}."),
-        }
+            (false, Some((less, flips))) => {
+                format!("It is on the edge: with {less} of the difference from the recording, {flips}.")
+            }
+            (false, None) => return None,
+        })
     }
 }
 
@@ -155,12 +226,12 @@ impl Reason {
             Self::NoFeasiblePlan => "no car can drive the plan",
             Self::NeverHit => "there is no contact",
             Self::ContactWithoutAttack => {
-                "the first contact is with another, or comes without the attack too"
+                "the first contact is with another road user, or comes without the attack too"
             }
-            Self::NotBelievable => "there is a contact, but no believable one",
-            Self::NotAtFault => "there is a contact, but not at fault",
-            Self::NotShownAvoidable => "there is a contact, but no evasive manoeuvre is found",
-            Self::NotPreventable => "there is a contact, but no reference driver prevents it",
+            Self::NotBelievable => "the contact stays, but is not believable",
+            Self::NotAtFault => "the contact stays, but is not the driver's fault",
+            Self::NotShownAvoidable => "the contact stays, and no evasive manoeuvre is found",
+            Self::NotPreventable => "the contact stays, and no reference driver prevents it",
             Self::Budget => "the drives are used up",
         }
     }
@@ -187,11 +258,12 @@ mod tests {
             acceleration: 1.2,
             along: 0.4,
             left: 0.9,
+            speed_now: 7.9,
             speed: 8.1,
             recorded_speed: 8.0,
-            stands: false,
-            manoeuvre: Manoeuvre::DrivesOn,
-            recorded_manoeuvre: Manoeuvre::DrivesOn,
+            turned: 0.02,
+            recorded_turned: 0.0,
+            turned_later: 0.0,
         }
     }
 
@@ -199,6 +271,9 @@ mod tests {
         let trajectory = Trajectory::new("plan", vec![[0.0; 2]; HORIZON]).unwrap();
         Explanation {
             approach: Some(Approach::Oncoming),
+            collision: Some(CollisionType::Oncoming),
+            ego: Some(Manoeuvre::Brakes),
+            ego_speed: Some(9.0),
             shrunk: Some(Shrunk {
                 share: 1.0,
                 acceleration: 1.2,
@@ -211,6 +286,8 @@ mod tests {
             needed: Needed { road_users: Vec::new(), is_minimal: true, without: None },
             braking: Braking {
                 brakes_before_contact: Some(0.2),
+                own_deceleration: Some(2.34),
+                plan_shows: 2.0,
                 time_to_brake: Some(1.6),
                 time_to_steer: None,
                 time_to_evade: Some(1.6),
@@ -223,60 +300,70 @@ mod tests {
     fn a_failure_is_told_in_a_few_sentences() {
         assert_eq!(
             explanation().sentence("idm", 2.0, Some(&deviation())),
-            "idm fails 2.0 s after now, when the oncoming car is 0.4 m further along and 0.9 m further left than recorded. \
-             Full braking, up to 1.6 s before the contact, would have been enough; the driver brakes 0.2 s before it, 1.4 s too late. \
+            "After 2.0 s idm, braking, now at 9.0 m/s, meets the oncoming car (8.1 m/s) head-on. \
+             That car is 0.4 m further along and 0.9 m further left than recorded. \
+             Full braking would have been enough up to 1.6 s before the contact; \
+             the driver brakes from 0.2 s before it on, by 2.3 m/s² at most: 1.4 s too late. \
              No other road user is needed. \
-             With 99 % of the difference from the recording, there is a contact, but no believable one."
+             It is on the edge: with 99 % of the difference from the recording, the contact stays, but is not believable."
         );
-        let unknown = Explanation { approach: None, shrunk: None, ..explanation() };
+        let unknown = Explanation {
+            approach: None,
+            collision: None,
+            ego: None,
+            ego_speed: None,
+            shrunk: None,
+            ..explanation()
+        };
         let words = unknown.sentence("idm", 2.0, None);
-        assert!(words.starts_with("idm fails 2.0 s after now, when the adversary follows its plan. Full"));
+        assert!(words.starts_with("After 2.0 s idm collides with the adversary. Full braking"), "{words}");
         assert!(words.ends_with("No other road user is needed."));
     }
 
     #[test]
     fn far_along_the_way_speeds_say_more_than_metres() {
-        let far = Deviation { along: -50.4, left: 0.2, speed: 2.1, ..deviation() };
-        assert_eq!(differences(&far), "drives 2.1 m/s on average in place of 8.0");
-        let stands = Deviation { stands: true, left: 0.4, ..far };
-        let words = "has stopped, in place of 8.0 m/s on average and is 0.4 m further left than recorded";
-        assert_eq!(differences(&stands), words);
-        assert_eq!(differences(&Deviation { along: 0.0, left: 0.0, ..deviation() }), "drives as recorded");
+        let far = Deviation { along: -50.4, left: 0.2, speed_now: 7.9, speed: 2.1, ..deviation() };
+        assert_eq!(differences(&far), "goes from 7.9 to 2.1 m/s (recorded: to 8.0)");
+        let stops = Deviation { speed: 0.1, left: 0.4, ..far };
+        let words = "stops (recorded: goes on at 8.0 m/s) and is 0.4 m further left than recorded";
+        assert_eq!(differences(&stops), words);
+        let goes = Deviation { recorded_speed: 0.0, speed: 3.7, ..far };
+        assert_eq!(differences(&goes), "goes on at 3.7 m/s (recorded: stands)");
+        // Another way at nearly the same speed.
+        let back = Deviation { along: -6.0, left: 0.0, ..deviation() };
+        assert_eq!(differences(&back), "is 6.0 m further back than recorded");
+        let same = Deviation { along: 0.1, left: 0.0, ..deviation() };
+        assert_eq!(differences(&same), "drives nearly as recorded");
     }
 
     #[test]
-    fn a_manoeuvre_is_named_if_the_recording_has_another() {
-        use Manoeuvre::{Brakes, MovesLeft, TurnsLeft};
-        let turns = Deviation { manoeuvre: TurnsLeft, along: 1.0, left: -3.0, ..deviation() };
-        assert_eq!(
-            differences(&turns),
-            "turns left (recorded: drives on) and is 1.0 m further along and 3.0 m further right than recorded"
-        );
-        let stays = Deviation {
-            manoeuvre: Brakes,
-            recorded_manoeuvre: MovesLeft,
-            along: -9.0,
-            left: -0.1,
-            ..deviation()
-        };
-        assert_eq!(
-            differences(&stays),
-            "drives 8.1 m/s on average in place of 8.0 and does not move left as recorded"
-        );
+    fn turns_are_told_in_degrees_with_what_the_recording_does_then_and_later() {
+        let turns = Deviation { turned: 0.9, along: 1.0, left: -3.0, ..deviation() };
+        let words = "turns 52° to the left (recorded: not by then) and is 1.0 m further along than recorded";
+        assert_eq!(differences(&turns), words);
+        let sooner = Deviation { turned_later: 1.5, recorded_turned: 0.3, ..turns };
+        assert!(differences(&sooner).contains("(recorded: 17° to the left by then, and the same later)"));
+        let less = Deviation { turned: -0.2, recorded_turned: -0.9, turned_later: -1.5, ..turns };
+        assert!(differences(&less).contains("turns 11° to the right (recorded: 52° to the right by then)"));
     }
 
     #[test]
     fn braking_is_late_weak_missing_or_not_enough() {
         let braking = explanation().braking;
         let words = |braking: Braking| braking.sentence();
+        let none = Braking { brakes_before_contact: None, own_deceleration: None, ..braking };
+        assert!(words(none).ends_with("before the contact; the driver does not brake."));
         assert!(
-            words(Braking { brakes_before_contact: None, ..braking }).ends_with("driver does not brake.")
+            words(Braking { brakes_before_contact: Some(1.6), ..braking }).ends_with("at most: too weakly.")
         );
-        assert!(words(Braking { brakes_before_contact: Some(1.6), ..braking }).ends_with("too weakly."));
-        let none = Braking { time_to_brake: None, ..braking };
-        assert!(words(none).starts_with("Neither braking nor steering"));
-        assert!(words(Braking { time_to_steer: Some(0.9), ..none }).contains("steering, up to 0.9 s"));
-        assert_eq!(words(Braking { time_to_evade: None, ..none }), "No evasive manoeuvre was found.");
+        let hidden = Braking { plan_shows: 0.9, ..braking };
+        let expected =
+            "up to 1.6 s before the contact, but the plan shows only 0.9 s before it; the driver brakes";
+        assert!(words(hidden).contains(expected), "{}", words(hidden));
+        let steers = Braking { time_to_brake: None, ..braking };
+        assert!(words(steers).starts_with("Neither braking nor steering"));
+        assert!(words(Braking { time_to_steer: Some(0.9), ..steers }).contains("steering, up to 0.9 s"));
+        assert_eq!(words(Braking { time_to_evade: None, ..steers }), "No evasive manoeuvre was found.");
     }
 
     #[test]
@@ -294,12 +381,12 @@ mod tests {
         };
         assert_eq!(
             needed(vec![user("97", 0.1)], true).sentence(),
-            "The failure needs vehicle 97 (26 m ahead of the ego): without it, there is no contact."
+            "Without vehicle 97 (26 m ahead of the ego now), there is no contact."
         );
         let five = (0..5).map(|k| user(&k.to_string(), 2.0)).collect::<Vec<_>>();
         let words = needed(five.clone(), true).sentence();
-        assert!(words.contains("vehicle 2 (26 m left of the ego) and 2 more: without them"), "{words}");
-        assert!(needed(five, false).sentence().starts_with("The failure needs other road users, some of 5"));
+        assert!(words.contains("vehicle 2 (26 m left of the ego now) and 2 more, there is"), "{words}");
+        assert!(needed(five, false).sentence().starts_with("Some of 5 other road users are needed"));
     }
 
     #[test]
@@ -307,10 +394,15 @@ mod tests {
         let shrunk = explanation().shrunk.unwrap();
         let half = Shrunk { share: 0.52, less: Some(0.03), less_is: Some(Reason::NeverHit), ..shrunk };
         assert_eq!(
-            half.sentence(),
+            half.sentence().unwrap(),
             "With 52 % of the difference from the recording the driver fails too; with 49 %, there is no contact."
         );
-        let all = Shrunk { less: None, less_is: None, share: 0.03, ..half };
-        assert_eq!(all.sentence(), "With 3 % of the difference from the recording the driver fails too.");
+        let all = Shrunk { less: None, less_is: None, share: 0.03, ..half.clone() };
+        assert_eq!(
+            all.sentence().unwrap(),
+            "With 3 % of the difference from the recording the driver fails too."
+        );
+        let edge = Shrunk { share: 1.0, less: Some(0.01), less_is: Some(Reason::NoFeasiblePlan), ..half };
+        assert_eq!(edge.sentence(), None, "what a car cannot drive says nothing of the driver");
     }
 }

@@ -86,3 +86,44 @@ fn a_planner_in_python_is_tested() {
     let rows = results(&output);
     assert!(!rows.is_empty() && rows.iter().all(|row| row["result"] != "error"), "{}", stderr(&output));
 }
+
+#[test]
+fn pages_of_tests_are_written_and_two_drivers_compared() {
+    let desk = Desk::new();
+    let data = |page: &str| -> Value {
+        let page = fs::read_to_string(desk.path(page)).unwrap();
+        let (_, data) = page.split_once(r#"type="application/json">"#).unwrap();
+        serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap()
+    };
+    let idm = desk.test("idm", &["--json", "--out", &desk.at("of-idm")]);
+    let written = fs::read_to_string(desk.path("of-idm/results.jsonl")).unwrap();
+    assert_eq!(written, stdout_of(&idm));
+    let expert = results(&desk.test("expert", &["--json", "--out", &desk.at("of-expert")]));
+    let passed = expert.iter().filter(|row| row["result"] == "passed").count();
+    assert_eq!(data("of-expert/index.html")["items"].as_array().unwrap().len(), expert.len());
+    // A folder that is there is not written over, with --force it is.
+    let again = desk.test("idm", &["--out", &desk.at("of-idm")]);
+    assert!(stderr(&again).contains("--force"), "{}", stderr(&again));
+    assert_eq!(desk.test("idm", &["--out", &desk.at("of-idm"), "--force"]).status.code(), Some(1));
+
+    let compare = |a: &str, b: &str, out: &str| {
+        sage(&["report", "--compare", &desk.at(a), &desk.at(b), "--out", &desk.at(out)])
+    };
+    let compared = compare("of-idm", "of-expert", "compared");
+    assert!(compared.status.success(), "{}", stderr(&compared));
+    let items = data("compared/index.html")["items"].as_array().unwrap().clone();
+    let fixed = items.iter().filter(|item| item["result"] == "fixed").count();
+    assert_eq!((items.len(), fixed), (expert.len(), passed));
+    for item in &items {
+        let page = item["page"].as_str().unwrap().split('#').next().unwrap();
+        // Both drives of a test have its name, so that a link shows them together.
+        let panels = data(&format!("compared/{page}"))["panels"].as_array().unwrap().clone();
+        assert_eq!(panels.iter().filter(|panel| panel["id"] == item["name"]).count(), 2);
+    }
+    // The other way round what was fixed fails anew.
+    compare("of-expert", "of-idm", "other");
+    let items = data("other/index.html")["items"].as_array().unwrap().clone();
+    assert_eq!(items.iter().filter(|item| item["result"] == "new failure").count(), passed);
+    let wrong = compare("of-idm", "suite", "wrong");
+    assert!(stderr(&wrong).contains("no output of `sage test --out`"), "{}", stderr(&wrong));
+}

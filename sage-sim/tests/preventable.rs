@@ -216,7 +216,7 @@ fn a_driver_at_thirty_percent_of_the_speed_of_the_reference_passes_no_test_that_
             let motions = before.chain((1..prevention.motions.len()).map(slowed)).collect();
             let slow = Along { motions: Arc::new(motions), frame: 0 };
             let slow_test = AttackTest::new(&slow, &scene, 3).unwrap();
-            let drive = TestDrive::new(&slow_test, &watching, plan).unwrap();
+            let drive = TestDrive::new(&slow_test, &watching, plan).unwrap().0;
             if drive.progress.is_asked() {
                 asked += 1;
                 assert!(drive.shortfall(Asked::default()).is_some(), "{drive:?}");
@@ -236,7 +236,7 @@ fn a_driver_that_brakes_before_now_passes_no_test_in_which_the_recording_drives_
         let test = AttackTest::new(&*tested, &scene, 3).unwrap().with_references(&references);
         let watching = test.watching().unwrap();
         for plan in &plans {
-            let drive = TestDrive::new(&test, &watching, plan).unwrap();
+            let drive = TestDrive::new(&test, &watching, plan).unwrap().0;
             let steps = drive.contact.as_ref().map_or(HORIZON, |met| met.step as usize);
             if distance(ego.point(NOW), ego.point(NOW + steps)) > 10.0 && drive.progress.made < 2.0 {
                 asked += 1;

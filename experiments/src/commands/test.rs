@@ -52,6 +52,7 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
         .build(&suite.feasibility.name, &suite.feasibility.options.clone().into())
         .with_context(|| format!("`{}`", args.suite.join(FILE).display()))?;
     let baseline = args.baseline.as_deref().map(|path| earlier(path, &suite, &ego.label)).transpose()?;
+    let folder = args.out.as_deref().map(|out| results_folder(args, out)).transpose()?;
     let junit = args.junit.as_deref().map(|path| OutputFile::claim(path, args.force)).transpose()?;
     // Tests of one scene share its unattacked drive.
     let (mut groups, mut places): (Vec<Vec<&SuiteTest>>, HashMap<_, usize>) = Default::default();
@@ -74,8 +75,8 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
         suite.tests.iter().enumerate().map(|(k, test)| (&*test.name, k)).collect();
     driven.sort_by_key(|(row, _)| place.get(&*row.head.test).copied());
     let (rows, drives): (Vec<ResultRow>, Vec<Option<RecordedDrive>>) = driven.into_iter().unzip();
-    if let Some(out) = &args.out {
-        write_page(args, out, &suite, &rows, drives)?;
+    if let Some(folder) = &folder {
+        write_page(folder, args, &suite, &rows, drives)?;
     }
     if let Some(file) = junit {
         let name = args.suite.display().to_string();
@@ -86,19 +87,24 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     Ok(row::ended(&rows, baseline.as_ref(), args))
 }
 
-/// Writes the page of the tests, with the results, drives and scenes that it is made of.
-fn write_page(
-    args: &TestArgs,
-    out: &Path,
-    suite: &Suite,
-    rows: &[ResultRow],
-    drives: Vec<Option<RecordedDrive>>,
-) -> Result<()> {
+/// The folder of the page, without what an earlier run has written there.
+fn results_folder(args: &TestArgs, out: &Path) -> Result<Folder> {
     let folder = Folder::make_beside(&Inputs::of([&args.suite]), out, args.force)?;
     page::remove_old(&folder)?;
     for inner in [DRIVES, record::SCENES] {
         folder.inner(inner.as_ref())?;
     }
+    Ok(folder)
+}
+
+/// Writes the page of the tests, with the results, drives and scenes that it is made of.
+fn write_page(
+    folder: &Folder,
+    args: &TestArgs,
+    suite: &Suite,
+    rows: &[ResultRow],
+    drives: Vec<Option<RecordedDrive>>,
+) -> Result<()> {
     let mut records = Vec::with_capacity(rows.len());
     for ((test, row), drive) in suite.tests.iter().zip(rows).zip(drives) {
         let source = args.suite.join(SCENES).join(&test.scene);
@@ -108,7 +114,7 @@ fn write_page(
         folder.write(&TestRecord::file(&test.name), &serde_json::to_vec(&record)?)?;
         records.push(record);
     }
-    page::write(&folder, &[Side::of(folder.path(), records)])?;
+    page::write(folder, &[Side::of(folder.path(), records)])?;
     folder.write(RESULTS, row::lines(rows)?.as_bytes())?;
     folder.finish()?;
     progress::say(&format!("open `{}`", folder.path().join(page::FILE).display()));

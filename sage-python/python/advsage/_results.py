@@ -43,6 +43,11 @@ class Failure:
         return trajectory
 
     @property
+    def sentence(self) -> str | None:
+        """What explains the failure, in words, if it was explained; `row["explanation"]` has the numbers."""
+        return self.row.get("sentence")
+
+    @property
     def contact_after(self) -> float:
         """Seconds from now to the contact."""
         return float(self.row["contact"]["step"]) / 10.0

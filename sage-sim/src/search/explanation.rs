@@ -12,7 +12,7 @@ mod sentence;
 mod shrunk;
 
 use sage_core::{
-    geometry::{OrientedBox, cross, dot, sub},
+    geometry::{OrientedBox, cross, distance, dot, sub, wrap_angle},
     motion::NOW,
     objective::{CollisionType, Context, Feasibility},
 };
@@ -20,14 +20,15 @@ use serde::{Deserialize, Serialize};
 
 pub use braking::Braking;
 pub use deviation::Deviation;
+use deviation::{SPEED, last_speed, range_of_speeds, recorded};
 pub use needed::{Needed, NeededRoadUser};
 pub use shrunk::Shrunk;
 
 use needed::Driven;
 
 use super::{
-    Evaluated, Failure, Features, PoolPlan, SearchOptions, circumstances::Origin, evaluation::Evaluator,
-    manoeuvre::Manoeuvre, onset::onset,
+    AttackedPath, Evaluated, Failure, Features, PoolPlan, SearchOptions, circumstances::Origin,
+    evaluation::Evaluator,
 };
 use crate::{Error, attack_test::AttackTest};
 
@@ -44,6 +45,8 @@ pub enum Explained {
     All,
 }
 
+/// Distance along from which a car beside is ahead or behind, metres.
+const FAR: f64 = 2.5;
 /// Lateral distance from which a car is on the left or right of the ego, metres.
 const BESIDE: f64 = 2.0;
 
@@ -100,8 +103,6 @@ impl Approach {
     fn of(ego: &OrientedBox, adversary: &OrientedBox, origin: Origin) -> Self {
         let way = sub(adversary.center, ego.center);
         let (ahead, left) = (dot(ego.axis, way), cross(ego.axis, way));
-        // Cars in one direction that are no more beside each other.
-        let apart = ego.half_length + adversary.half_length;
         match origin {
             Origin::OffLanes => Self::OffLanes,
             Origin::OppositeDirection => Self::Oncoming,
@@ -111,13 +112,43 @@ impl Approach {
             Origin::SameDirection => match (ahead, left.abs() > BESIDE, left > 0.0) {
                 (_, false, _) if ahead > 0.0 => Self::Ahead,
                 (_, false, _) => Self::Behind,
-                (x, _, true) if x > apart => Self::AheadLeft,
-                (x, _, false) if x > apart => Self::AheadRight,
-                (x, _, true) if x < -apart => Self::BehindLeft,
-                (x, _, false) if x < -apart => Self::BehindRight,
+                (x, _, true) if x > FAR => Self::AheadLeft,
+                (x, _, false) if x > FAR => Self::AheadRight,
+                (x, _, true) if x < -FAR => Self::BehindLeft,
+                (x, _, false) if x < -FAR => Self::BehindRight,
                 (_, _, true) => Self::Left,
                 (_, _, false) => Self::Right,
             },
+        }
+    }
+}
+
+/// What a driver does up to a contact.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Driving {
+    /// Speed in the first 0.3 s, m/s.
+    pub speed_now: f64,
+    /// Speed in the last 0.3 s before the contact, m/s.
+    pub speed: f64,
+    /// The lowest and the highest speed, m/s.
+    pub speeds: [f64; 2],
+    /// Change of its heading, rad, positive to the left.
+    pub turned: f64,
+}
+
+impl Driving {
+    /// What the ego does in an attacked drive up to a contact at a step.
+    fn of(path: &AttackedPath, contact: usize) -> Self {
+        let [x, y, heading] = path.history.last().copied().unwrap_or_default();
+        // The step of the contact is cut by it.
+        let steps = contact.saturating_sub(1).max(1).min(path.positions.len());
+        let (points, headings) = (&path.positions[..steps], &path.headings[..steps]);
+        let before = std::iter::once(&heading).chain(headings);
+        Self {
+            speed_now: last_speed([x, y], &points[..steps.min(SPEED)]),
+            speed: last_speed([x, y], points),
+            speeds: range_of_speeds([x, y], points),
+            turned: before.zip(headings).map(|(a, b)| wrap_angle(b - a)).sum(),
         }
     }
 }
@@ -130,9 +161,7 @@ pub struct Explanation {
     /// Type of the collision.
     pub collision: Option<CollisionType>,
     /// What the driver does up to the contact.
-    pub ego: Option<Manoeuvre>,
-    /// Its speed then, m/s.
-    pub ego_speed: Option<f64>,
+    pub ego: Driving,
     /// The failure with less of its difference from the recording; `None` if the adversary is not recorded up to the contact.
     pub shrunk: Option<Shrunk>,
     /// The other road users that it takes.
@@ -178,16 +207,20 @@ impl Explainer<'_> {
         let driven_ctx = failure.path.context(self.ctx)?;
         let met = evaluated.contact.as_ref();
         let features = met.and_then(|met| Features::of(&driven_ctx, &plan.candidate, met, None));
-        let onset = onset(&plan.candidate, self.ctx, contact);
+        let recorded = recorded(self.ctx);
+        let points = plan.candidate.points();
+        let off = |step: usize| match step.checked_sub(1) {
+            None => Some(0.0),
+            Some(k) => Some(distance(*points.get(k)?, *recorded.get(k)?)),
+        };
         Ok(Explanation {
             collision: features.map(|features| features.collision),
-            ego: features.map(|features| features.ego),
-            ego_speed: features.map(|features| features.ego_speed),
+            ego: Driving::of(&failure.path, contact),
             approach: approach
                 .map(|((ego, track), origin)| Approach::of(&ego, &track.oriented_box(NOW), origin)),
             shrunk,
             needed,
-            braking: Braking::of(&failure.path, &failure.avoidable, contact, onset),
+            braking: Braking::of(&failure.path, &failure.avoidable, contact, off),
             drives,
         })
     }

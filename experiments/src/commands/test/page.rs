@@ -11,6 +11,7 @@ use sage_core::{
     geometry::{Aabb, Point},
     motion::{HORIZON, NOW},
     scene::{Scene, Track},
+    text::natural_order,
 };
 use sage_data::{MAX_SCENE_FILE, Recording};
 use sage_run::{
@@ -161,8 +162,11 @@ pub(super) fn write(folder: &Folder, sides: &[Side]) -> Result<BTreeMap<&'static
     for (number, record) in sides[0].records.iter().enumerate() {
         by_scene.entry((&record.scene, &record.adversary)).or_default().push(number);
     }
+    let mut by_scene: Vec<_> = by_scene.into_iter().collect();
+    by_scene.sort_by(|a, b| natural_order(a.0.0, b.0.0));
     let (mut counts, mut items, mut scenes) = (BTreeMap::new(), Vec::with_capacity(tests), Vec::new());
     for (place, ((file, adversary), numbers)) in by_scene.iter().enumerate() {
+        let name = file.strip_suffix(".scene").unwrap_or(file);
         let source = sides[0].folder.join(SCENES).join(file);
         let bytes = files::read(&source, MAX_SCENE_FILE)
             .with_context(|| format!("cannot read `{}`", source.display()))?;
@@ -190,9 +194,9 @@ pub(super) fn write(folder: &Folder, sides: &[Side]) -> Result<BTreeMap<&'static
                 adversary,
             });
         }
-        folder.write(&format!("{PAGES}/{page}"), scene_page(&scene, file, sides, numbers)?.as_bytes())?;
+        folder.write(&format!("{PAGES}/{page}"), scene_page(&scene, name, sides, numbers)?.as_bytes())?;
         let road = road::lines(&scene.map, &area.context("a scene without tests")?);
-        scenes.push(ListedScene { name: file.strip_suffix(".scene").unwrap_or(file), road });
+        scenes.push(ListedScene { name, road });
     }
     let drivers: Vec<&str> = sides.iter().map(Side::driver).collect();
     let title = match &drivers[..] {

@@ -21,8 +21,9 @@ pub struct Braking {
     pub brakes_before_contact: Option<f64>,
     /// Largest deceleration of that braking, m/s².
     pub own_deceleration: Option<f64>,
-    /// Since when the plan shows: its onset.
-    pub plan_shows: f64,
+    /// How far the adversary is from its recording at the last moment for full braking, metres; `None` if it is not recorded there, or if
+    /// braking alone is never enough.
+    pub adversary_off: Option<f64>,
     /// Up to when full braking alone prevents the contact; `None` if it never does.
     pub time_to_brake: Option<f64>,
     /// The same of steering alone.
@@ -31,23 +32,35 @@ pub struct Braking {
     pub time_to_evade: Option<f64>,
 }
 
+/// Distance from its recording from which an adversary can be seen to do something else, metres.
+const VISIBLE: f64 = 0.5;
+
 impl Braking {
+    /// Whether full braking would have to begin while the adversary still drives as recorded.
+    pub(super) fn is_hindsight(&self) -> bool {
+        self.adversary_off.is_some_and(|off| off < VISIBLE)
+    }
+
     /// Whether the driver brakes too late, too weakly or not, or whether braking alone is not enough.
     pub fn class(&self) -> &'static str {
         match (self.time_to_brake, self.brakes_before_contact) {
             (None, _) if self.time_to_steer.is_some() => "only steering helps",
             (None, _) => "braking alone is not enough",
-            (Some(time), _) if self.plan_shows < time - ROUNDING => {
-                "would have to brake before the plan shows"
-            }
+            (Some(_), _) if self.is_hindsight() => "would have to know the plan",
             (Some(_), None) => "does not brake",
             (Some(time), Some(own)) if own < time - ROUNDING => "brakes too late",
             (Some(_), Some(_)) => "brakes too weakly",
         }
     }
 
-    /// The braking of an attacked drive with a contact at a step, 1 or later; `onset` is that of the plan, seconds after *now*.
-    pub(super) fn of(path: &AttackedPath, avoidable: &Avoidable, contact: usize, onset: f64) -> Self {
+    /// The braking of an attacked drive with a contact at a step, 1 or later; `off` says how far the adversary
+    /// is from its recording at a step.
+    pub(super) fn of(
+        path: &AttackedPath,
+        avoidable: &Avoidable,
+        contact: usize,
+        off: impl Fn(usize) -> Option<f64>,
+    ) -> Self {
         let now = path.history.last().map(|[x, y, _]| [*x, *y]);
         let until = path.positions.iter().take(contact.saturating_sub(1)).copied();
         let points: Vec<_> = now.into_iter().chain(until).collect();
@@ -61,7 +74,9 @@ impl Braking {
         Self {
             brakes_before_contact: begin.map(|first| tenth((contact - first) as f64 * DT)),
             own_deceleration: begin.map(hardest),
-            plan_shows: tenth(contact as f64 * DT - onset),
+            adversary_off: avoidable
+                .latest_brake
+                .and_then(|time| off(contact.saturating_sub((time / DT).round() as usize))),
             time_to_brake: avoidable.latest_brake,
             time_to_steer: avoidable.latest_steer,
             time_to_evade: avoidable.latest_start,

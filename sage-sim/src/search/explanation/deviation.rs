@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Steps over which a difference of accelerations is averaged.
 const AVERAGED: usize = 5;
 /// Steps over which speeds are measured.
-const SPEED: usize = 3;
+pub(super) const SPEED: usize = 3;
 
 /// How a plan differs from the recording of the adversary, up to the contact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,6 +25,8 @@ pub struct Deviation {
     pub speed_now: f64,
     /// Speed in the last 0.3 s before the contact, m/s.
     pub speed: f64,
+    /// The lowest and the highest speed up to there, m/s.
+    pub speeds: [f64; 2],
     /// The same of the recording.
     pub recorded_speed: f64,
     /// Change of its heading up to the contact, rad, positive to the left.
@@ -58,6 +60,7 @@ impl Deviation {
             left: cross(axis, apart),
             speed_now: last_speed(start, &points[..SPEED.min(contact)]),
             speed: last_speed(start, points),
+            speeds: range_of_speeds(start, points),
             recorded_speed: last_speed(start, &recorded[..contact]),
             turned,
             recorded_turned: recorded_turn(contact),
@@ -66,8 +69,14 @@ impl Deviation {
     }
 }
 
+/// Lowest and highest speed of a path over some steps, m/s.
+pub(super) fn range_of_speeds(start: Point, points: &[Point]) -> [f64; 2] {
+    let speeds = (SPEED.min(points.len())..=points.len()).map(|until| last_speed(start, &points[..until]));
+    speeds.fold([f64::INFINITY, 0.0], |[low, high], speed| [low.min(speed), high.max(speed)])
+}
+
 /// Speed of a path in its last steps, m/s.
-fn last_speed(start: Point, points: &[Point]) -> f64 {
+pub(super) fn last_speed(start: Point, points: &[Point]) -> f64 {
     let steps = SPEED.min(points.len()).max(1);
     let from = points.len().checked_sub(steps + 1).map_or(start, |k| points[k]);
     points.last().map_or(0.0, |end| distance(from, *end) / (steps as f64 * DT))

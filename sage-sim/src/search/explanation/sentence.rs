@@ -4,11 +4,13 @@ use std::f64::consts::{FRAC_PI_4, PI};
 
 use sage_core::objective::CollisionType;
 
-use super::{Braking, Deviation, Explanation, Needed, NeededRoadUser, Shrunk, braking::ROUNDING};
-use crate::search::{Reason, manoeuvre::Manoeuvre};
+use super::{Braking, Deviation, Driving, Explanation, Needed, NeededRoadUser, Shrunk, braking::ROUNDING};
+use crate::search::Reason;
 
-/// Difference along the way up to which metres say more than speeds.
-const METRES: f64 = 4.0;
+/// Difference along the way from which a difference across it says nothing, metres.
+const FAR: f64 = 10.0;
+/// Turn of the ego that is mentioned, rad.
+const TURN: f64 = PI / 12.0;
 /// Differences that are not mentioned: of places (metres), of speeds (m/s), of turns (rad).
 const NEAR: f64 = 0.3;
 const SAME_SPEED: f64 = 1.0;
@@ -21,91 +23,79 @@ const NAMED: usize = 3;
 impl Explanation {
     /// The failure of a driver with a contact so many seconds after *now*; `deviation` is that of its plan.
     pub fn sentence(&self, ego: &str, after: f64, deviation: Option<&Deviation>) -> String {
-        let mut sentences =
-            vec![format!("After {after:.1} s {ego}{} {}.", self.driving(), self.meets(deviation))];
+        let Driving { speed_now, speed, speeds, turned } = self.ego;
+        let mut does = vec![goes("going", speed_now, speed, speeds)];
+        if turned.abs() >= TURN {
+            does.push(format!("turning {}", angle(turned)));
+        }
+        let mut who = self.approach.map_or("the adversary", |approach| approach.words()).to_owned();
+        if let Some(deviation) = deviation {
+            who += &format!(" ({:.1} m/s)", deviation.speed);
+        }
+        let meets = match self.collision {
+            None => format!("collides with {who}"),
+            Some(CollisionType::RearEnd) => format!("runs into the rear of {who}"),
+            Some(CollisionType::CutIn) => format!("runs into {who}"),
+            Some(CollisionType::Crossing | CollisionType::TurningAcross) => {
+                format!("meets {who} at an angle")
+            }
+            Some(CollisionType::Oncoming) => format!("meets {who}, both in opposite directions"),
+            Some(CollisionType::Sideswipe) => format!("meets {who}, both in the same direction"),
+            Some(CollisionType::RearEnded) => format!("is hit from behind by {who}"),
+        };
+        let mut sentences = vec![format!("After {after:.1} s {ego}, {}, {meets}.", does.join(" and "))];
         sentences.extend(deviation.map(|deviation| format!("That car {}.", differences(deviation))));
         sentences.push(self.braking.sentence());
         sentences.push(self.needed.sentence());
         sentences.extend(self.shrunk.as_ref().and_then(Shrunk::sentence));
         sentences.join(" ")
     }
+}
 
-    /// What the driver does, and how fast.
-    fn driving(&self) -> String {
-        let Some((does, speed)) = self.ego.zip(self.ego_speed) else { return String::new() };
-        let does = match does {
-            Manoeuvre::Stands => return ", standing,".to_owned(),
-            Manoeuvre::TurnsLeft => "turning left",
-            Manoeuvre::TurnsRight => "turning right",
-            Manoeuvre::MovesLeft => "moving left",
-            Manoeuvre::MovesRight => "moving right",
-            Manoeuvre::Brakes => "braking, now",
-            Manoeuvre::Accelerates => "accelerating, now",
-            Manoeuvre::DrivesOn => "driving on",
-        };
-        format!(", {does} at {speed:.1} m/s,")
+/// Speeds in words: from, by way of, to.
+fn goes(verb: &str, from: f64, to: f64, [low, high]: [f64; 2]) -> String {
+    let by = if low < from.min(to) - SAME_SPEED {
+        format!(" by way of {low:.1}")
+    } else if high > from.max(to) + SAME_SPEED {
+        format!(" by way of {high:.1}")
+    } else {
+        String::new()
+    };
+    if by.is_empty() && from.max(to) < STANDING {
+        return if verb == "goes" { "stands".to_owned() } else { "standing".to_owned() };
     }
-
-    /// Whom it meets, and how.
-    fn meets(&self, deviation: Option<&Deviation>) -> String {
-        let mut who = self.approach.map_or("the adversary", |approach| approach.words()).to_owned();
-        if let Some(deviation) = deviation {
-            who += &format!(" ({:.1} m/s)", deviation.speed);
-        }
-        match self.collision {
-            None => format!("collides with {who}"),
-            Some(CollisionType::RearEnd) => format!("runs into the rear of {who}"),
-            Some(CollisionType::CutIn) => format!("runs into {who}, which came into its path"),
-            Some(CollisionType::Crossing) => format!("meets {who} at an angle"),
-            Some(CollisionType::TurningAcross) => format!("meets {who} at an angle, as one of them turns"),
-            Some(CollisionType::Oncoming) => format!("meets {who} head-on"),
-            Some(CollisionType::Sideswipe) => format!("meets {who} side against side"),
-            Some(CollisionType::RearEnded) => format!("is hit from behind by {who}"),
-        }
+    if by.is_empty() && (from - to).abs() < SAME_SPEED {
+        return format!("{verb} at {to:.1} m/s");
     }
+    format!("{verb} from {from:.1}{by} to {to:.1} m/s")
 }
 
 /// What the adversary does in place of what it was recorded to do.
 fn differences(deviation: &Deviation) -> String {
-    let Deviation {
-        along,
-        left,
-        speed_now,
-        speed,
-        recorded_speed,
-        turned,
-        recorded_turned,
-        turned_later,
-        ..
-    } = *deviation;
+    let Deviation { along, left, speed_now, speed, speeds, recorded_speed, turned, recorded_turned, .. } =
+        *deviation;
     let mut parts = Vec::new();
-    let differs = (speed - recorded_speed).abs() >= SAME_SPEED;
-    if differs && speed < STANDING {
-        parts.push(format!("stops (recorded: goes on at {recorded_speed:.1} m/s)"));
-    } else if differs && recorded_speed < STANDING {
-        parts.push(format!("goes on at {speed:.1} m/s (recorded: stands)"));
-    } else if differs {
-        parts.push(format!("goes from {speed_now:.1} to {speed:.1} m/s (recorded: to {recorded_speed:.1})"));
+    if (speed - recorded_speed).abs() >= SAME_SPEED {
+        let recorded =
+            if recorded_speed < STANDING { "stands".to_owned() } else { format!("{recorded_speed:.1}") };
+        parts.push(format!("{} (recorded: {recorded})", goes("goes", speed_now, speed, speeds)));
     }
     let turns = (turned - recorded_turned).abs() >= SAME_TURN;
     if turns {
-        let later = if (turned_later - turned).abs() < (turned_later - recorded_turned).abs()
-            && turned.abs() > recorded_turned.abs()
-        {
-            ", and the same later"
-        } else {
-            ""
-        };
-        parts.push(format!("turns {} (recorded: {} by then{later})", angle(turned), angle(recorded_turned)));
+        let later = deviation.turned_later;
+        let is_sooner =
+            turned.abs() > recorded_turned.abs() && (later - turned).abs() < (later - recorded_turned).abs();
+        let more = if is_sooner { ", and more later" } else { "" };
+        parts.push(format!("turns {} (recorded: {} then{more})", angle(turned), angle(recorded_turned)));
     }
     let mut metres = Vec::new();
-    if along.abs() >= NEAR && (along.abs() < METRES || !differs) {
-        metres.push(format!("{:.1} m further {}", along.abs(), if along > 0.0 { "along" } else { "back" }));
+    let rounded = |x: f64| if x.abs() < FAR { format!("{:.1}", x.abs()) } else { format!("{:.0}", x.abs()) };
+    if along.abs() >= NEAR {
+        metres.push(format!("{} m further {}", rounded(along), if along > 0.0 { "along" } else { "back" }));
     }
-    // To the left of a direction that it does not have any more says nothing.
-    if left.abs() >= NEAR && !turns {
-        let side = if left > 0.0 { "left" } else { "right" };
-        metres.push(format!("{:.1} m further {side}", left.abs()));
+    // Beside a way that it does not take any more, or far along it, a side says nothing.
+    if left.abs() >= NEAR && !turns && along.abs() < FAR {
+        metres.push(format!("{} m further {}", rounded(left), if left > 0.0 { "left" } else { "right" }));
     }
     if !metres.is_empty() {
         parts.push(format!("is {} than recorded", metres.join(" and ")));
@@ -141,23 +131,22 @@ impl Braking {
         };
         let hardest = self.own_deceleration.unwrap_or_default();
         let own = match self.brakes_before_contact {
-            None => "the driver does not brake".to_owned(),
+            None => "the driver is not braking at the contact".to_owned(),
             Some(own) => {
                 format!("the driver brakes from {own:.1} s before it on, by {hardest:.1} m/s² at most")
             }
         };
-        if self.plan_shows < time - ROUNDING {
-            let shows = self.plan_shows;
-            return format!(
-                "Full braking would have been enough up to {time:.1} s before the contact, but the plan shows only {shows:.1} s before it; {own}."
-            );
-        }
+        let off = self.adversary_off.map_or(String::new(), |off| {
+            let known = if self.is_hindsight() { ", which can hardly be seen" } else { "" };
+            format!(", when that car was {off:.1} m off its recording{known}")
+        });
         let late = match self.brakes_before_contact {
+            Some(_) if self.is_hindsight() => String::new(),
             Some(own) if own < time - ROUNDING => format!(": {:.1} s too late", time - own),
             Some(_) => ": too weakly".to_owned(),
             None => String::new(),
         };
-        format!("Full braking would have been enough up to {time:.1} s before the contact; {own}{late}.")
+        format!("Full braking would have been enough up to {time:.1} s before the contact{off}; {own}{late}.")
     }
 }
 
@@ -260,6 +249,7 @@ mod tests {
             left: 0.9,
             speed_now: 7.9,
             speed: 8.1,
+            speeds: [7.9, 8.1],
             recorded_speed: 8.0,
             turned: 0.02,
             recorded_turned: 0.0,
@@ -272,8 +262,7 @@ mod tests {
         Explanation {
             approach: Some(Approach::Oncoming),
             collision: Some(CollisionType::Oncoming),
-            ego: Some(Manoeuvre::Brakes),
-            ego_speed: Some(9.0),
+            ego: Driving { speed_now: 11.0, speed: 9.0, speeds: [9.0, 11.0], turned: 0.6 },
             shrunk: Some(Shrunk {
                 share: 1.0,
                 acceleration: 1.2,
@@ -287,7 +276,7 @@ mod tests {
             braking: Braking {
                 brakes_before_contact: Some(0.2),
                 own_deceleration: Some(2.34),
-                plan_shows: 2.0,
+                adversary_off: Some(0.8),
                 time_to_brake: Some(1.6),
                 time_to_steer: None,
                 time_to_evade: Some(1.6),
@@ -300,38 +289,37 @@ mod tests {
     fn a_failure_is_told_in_a_few_sentences() {
         assert_eq!(
             explanation().sentence("idm", 2.0, Some(&deviation())),
-            "After 2.0 s idm, braking, now at 9.0 m/s, meets the oncoming car (8.1 m/s) head-on. \
+            "After 2.0 s idm, going from 11.0 to 9.0 m/s and turning 34° to the left, meets the oncoming car (8.1 m/s), \
+             both in opposite directions. \
              That car is 0.4 m further along and 0.9 m further left than recorded. \
-             Full braking would have been enough up to 1.6 s before the contact; \
+             Full braking would have been enough up to 1.6 s before the contact, when that car was 0.8 m off its recording; \
              the driver brakes from 0.2 s before it on, by 2.3 m/s² at most: 1.4 s too late. \
              No other road user is needed. \
              It is on the edge: with 99 % of the difference from the recording, the contact stays, but is not believable."
         );
-        let unknown = Explanation {
-            approach: None,
-            collision: None,
-            ego: None,
-            ego_speed: None,
-            shrunk: None,
-            ..explanation()
-        };
+        let unknown = Explanation { approach: None, collision: None, shrunk: None, ..explanation() };
         let words = unknown.sentence("idm", 2.0, None);
-        assert!(words.starts_with("After 2.0 s idm collides with the adversary. Full braking"), "{words}");
+        assert!(words.contains("collides with the adversary. Full braking"), "{words}");
         assert!(words.ends_with("No other road user is needed."));
     }
 
     #[test]
-    fn far_along_the_way_speeds_say_more_than_metres() {
-        let far = Deviation { along: -50.4, left: 0.2, speed_now: 7.9, speed: 2.1, ..deviation() };
-        assert_eq!(differences(&far), "goes from 7.9 to 2.1 m/s (recorded: to 8.0)");
-        let stops = Deviation { speed: 0.1, left: 0.4, ..far };
-        let words = "stops (recorded: goes on at 8.0 m/s) and is 0.4 m further left than recorded";
-        assert_eq!(differences(&stops), words);
-        let goes = Deviation { recorded_speed: 0.0, speed: 3.7, ..far };
-        assert_eq!(differences(&goes), "goes on at 3.7 m/s (recorded: stands)");
-        // Another way at nearly the same speed.
-        let back = Deviation { along: -6.0, left: 0.0, ..deviation() };
-        assert_eq!(differences(&back), "is 6.0 m further back than recorded");
+    fn speeds_are_told_with_what_lies_between() {
+        assert_eq!(goes("goes", 8.0, 8.4, [7.8, 8.5]), "goes at 8.4 m/s");
+        assert_eq!(goes("goes", 8.0, 2.0, [2.0, 8.0]), "goes from 8.0 to 2.0 m/s");
+        assert_eq!(goes("goes", 11.0, 8.0, [6.5, 11.0]), "goes from 11.0 by way of 6.5 to 8.0 m/s");
+        assert_eq!(goes("going", 17.0, 12.0, [12.0, 22.3]), "going from 17.0 by way of 22.3 to 12.0 m/s");
+        assert_eq!(goes("going", 0.1, 0.2, [0.0, 0.2]), "standing");
+    }
+
+    #[test]
+    fn places_are_told_by_what_they_say() {
+        let far = Deviation { along: -50.4, left: 0.7, speed: 2.1, speeds: [2.1, 7.9], ..deviation() };
+        let words = "goes from 7.9 to 2.1 m/s (recorded: 8.0) and is 50 m further back than recorded";
+        assert_eq!(differences(&far), words);
+        let goes = Deviation { recorded_speed: 0.0, along: 5.0, left: 0.0, ..deviation() };
+        let words = "goes at 8.1 m/s (recorded: stands) and is 5.0 m further along than recorded";
+        assert_eq!(differences(&goes), words);
         let same = Deviation { along: 0.1, left: 0.0, ..deviation() };
         assert_eq!(differences(&same), "drives nearly as recorded");
     }
@@ -339,12 +327,12 @@ mod tests {
     #[test]
     fn turns_are_told_in_degrees_with_what_the_recording_does_then_and_later() {
         let turns = Deviation { turned: 0.9, along: 1.0, left: -3.0, ..deviation() };
-        let words = "turns 52° to the left (recorded: not by then) and is 1.0 m further along than recorded";
+        let words = "turns 52° to the left (recorded: not then) and is 1.0 m further along than recorded";
         assert_eq!(differences(&turns), words);
         let sooner = Deviation { turned_later: 1.5, recorded_turned: 0.3, ..turns };
-        assert!(differences(&sooner).contains("(recorded: 17° to the left by then, and the same later)"));
+        assert!(differences(&sooner).contains("(recorded: 17° to the left then, and more later)"));
         let less = Deviation { turned: -0.2, recorded_turned: -0.9, turned_later: -1.5, ..turns };
-        assert!(differences(&less).contains("turns 11° to the right (recorded: 52° to the right by then)"));
+        assert!(differences(&less).contains("turns 11° to the right (recorded: 52° to the right then)"));
     }
 
     #[test]
@@ -352,14 +340,15 @@ mod tests {
         let braking = explanation().braking;
         let words = |braking: Braking| braking.sentence();
         let none = Braking { brakes_before_contact: None, own_deceleration: None, ..braking };
-        assert!(words(none).ends_with("before the contact; the driver does not brake."));
+        assert!(words(none).ends_with("the driver is not braking at the contact."));
         assert!(
             words(Braking { brakes_before_contact: Some(1.6), ..braking }).ends_with("at most: too weakly.")
         );
-        let hidden = Braking { plan_shows: 0.9, ..braking };
+        let hidden = Braking { adversary_off: Some(0.1), ..braking };
         let expected =
-            "up to 1.6 s before the contact, but the plan shows only 0.9 s before it; the driver brakes";
-        assert!(words(hidden).contains(expected), "{}", words(hidden));
+            "when that car was 0.1 m off its recording, which can hardly be seen; the driver brakes";
+        assert!(words(hidden).contains(expected) && !words(hidden).contains("late"), "{}", words(hidden));
+        assert_eq!(hidden.class(), "would have to know the plan");
         let steers = Braking { time_to_brake: None, ..braking };
         assert!(words(steers).starts_with("Neither braking nor steering"));
         assert!(words(Braking { time_to_steer: Some(0.9), ..steers }).contains("steering, up to 0.9 s"));

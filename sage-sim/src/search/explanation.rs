@@ -28,7 +28,7 @@ use needed::Driven;
 
 use super::{
     AttackedPath, Evaluated, Failure, Features, PoolPlan, SearchOptions, circumstances::Origin,
-    evaluation::Evaluator,
+    evaluation::Evaluator, manoeuvre::Manoeuvre,
 };
 use crate::{Error, attack_test::AttackTest};
 
@@ -81,22 +81,23 @@ pub enum Approach {
 }
 
 impl Approach {
-    /// The adversary in words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Oncoming => "the oncoming car",
-            Self::Ahead => "the car ahead",
-            Self::AheadLeft => "the car ahead on the left",
-            Self::AheadRight => "the car ahead on the right",
-            Self::Behind => "the car behind",
-            Self::BehindLeft => "the car behind on the left",
-            Self::BehindRight => "the car behind on the right",
-            Self::Left => "the car on the left",
-            Self::Right => "the car on the right",
-            Self::FromLeft => "the car from the left",
-            Self::FromRight => "the car from the right",
-            Self::OffLanes => "the car from beside the lanes",
-        }
+    /// The adversary in words; `noun` is what it is, such as a car.
+    fn words(self, noun: &str) -> String {
+        let place = match self {
+            Self::Oncoming => return format!("the oncoming {noun}"),
+            Self::Ahead => "ahead",
+            Self::AheadLeft => "ahead on the left",
+            Self::AheadRight => "ahead on the right",
+            Self::Behind => "behind",
+            Self::BehindLeft => "behind on the left",
+            Self::BehindRight => "behind on the right",
+            Self::Left => "on the left",
+            Self::Right => "on the right",
+            Self::FromLeft => "from the left",
+            Self::FromRight => "from the right",
+            Self::OffLanes => "from beside the lanes",
+        };
+        format!("the {noun} {place}")
     }
 
     /// By the boxes *now*; `origin` is where the adversary comes from.
@@ -134,11 +135,13 @@ pub struct Driving {
     pub speeds: [f64; 2],
     /// Change of its heading, rad, positive to the left.
     pub turned: f64,
+    /// What it does by fixed rules; `None` if that cannot be told.
+    pub manoeuvre: Option<Manoeuvre>,
 }
 
 impl Driving {
     /// What the ego does in an attacked drive up to a contact at a step.
-    fn of(path: &AttackedPath, contact: usize) -> Self {
+    fn of(path: &AttackedPath, contact: usize, manoeuvre: Option<Manoeuvre>) -> Self {
         let [x, y, heading] = path.history.last().copied().unwrap_or_default();
         // The step of the contact is cut by it.
         let steps = contact.saturating_sub(1).max(1).min(path.positions.len());
@@ -149,6 +152,7 @@ impl Driving {
             speed: last_speed([x, y], points),
             speeds: range_of_speeds([x, y], points),
             turned: before.zip(headings).map(|(a, b)| wrap_angle(b - a)).sum(),
+            manoeuvre,
         }
     }
 }
@@ -158,6 +162,8 @@ impl Driving {
 pub struct Explanation {
     /// Where the adversary is *now*; `None` if that cannot be told.
     pub approach: Option<Approach>,
+    /// Length of the adversary, metres.
+    pub length: f64,
     /// Type of the collision.
     pub collision: Option<CollisionType>,
     /// What the driver does up to the contact.
@@ -215,7 +221,8 @@ impl Explainer<'_> {
         };
         Ok(Explanation {
             collision: features.map(|features| features.collision),
-            ego: Driving::of(&failure.path, contact),
+            ego: Driving::of(&failure.path, contact, features.map(|features| features.ego)),
+            length: self.ctx.size()[0],
             approach: approach
                 .map(|((ego, track), origin)| Approach::of(&ego, &track.oriented_box(NOW), origin)),
             shrunk,

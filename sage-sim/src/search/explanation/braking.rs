@@ -13,6 +13,7 @@ const STANDING: f64 = 0.5;
 pub(super) const ROUNDING: f64 = 0.05;
 /// Steps of a break within one braking, and before the contact: drivers act at 10 Hz.
 const BREAK: usize = 3;
+const LAST_BREAK: usize = 1;
 
 /// Braking against the plan, seconds before the contact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -95,7 +96,7 @@ fn last_braking(speeds: &[f64]) -> Option<usize> {
             (first, quiet) = (Some(k), 0);
         } else {
             quiet += 1;
-            if quiet > BREAK {
+            if quiet > if first.is_some() { BREAK } else { LAST_BREAK } {
                 break;
             }
         }

@@ -29,6 +29,8 @@ pub struct Deviation {
     pub speeds: [f64; 2],
     /// The same of the recording.
     pub recorded_speed: f64,
+    /// Its lowest and highest speed up to there, m/s.
+    pub recorded_speeds: [f64; 2],
     /// Change of its heading up to the contact, rad, positive to the left.
     pub turned: f64,
     /// The same of the recording.
@@ -62,6 +64,7 @@ impl Deviation {
             speed: last_speed(start, points),
             speeds: range_of_speeds(start, points),
             recorded_speed: last_speed(start, &recorded[..contact]),
+            recorded_speeds: range_of_speeds(start, &recorded[..contact]),
             turned,
             recorded_turned: recorded_turn(contact),
             turned_later: recorded_turn(recorded.len()),

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_4, PI};
 use sage_core::objective::CollisionType;
 
 use super::{Braking, Deviation, Driving, Explanation, Needed, NeededRoadUser, Shrunk, braking::ROUNDING};
-use crate::search::Reason;
+use crate::search::{Reason, manoeuvre::Manoeuvre};
 
 /// Difference along the way from which a difference across it says nothing, metres.
 const FAR: f64 = 10.0;
@@ -14,6 +14,12 @@ const TURN: f64 = PI / 12.0;
 /// Differences that are not mentioned: of places (metres), of speeds (m/s), of turns (rad).
 const NEAR: f64 = 0.3;
 const SAME_SPEED: f64 = 1.0;
+/// Least excess of a speed in between that is mentioned, m/s.
+const PASSING: f64 = 0.5;
+/// Side-by-side distance that is mentioned however far it is along, metres; length of a long vehicle, metres; braking that is weak, m/s².
+const ASIDE: f64 = 1.0;
+const LONG: f64 = 7.0;
+const WEAK: f64 = 5.0;
 const SAME_TURN: f64 = PI / 9.0;
 /// Speed below which a car stands, m/s.
 const STANDING: f64 = 0.5;
@@ -23,12 +29,16 @@ const NAMED: usize = 3;
 impl Explanation {
     /// The failure of a driver with a contact so many seconds after *now*; `deviation` is that of its plan.
     pub fn sentence(&self, ego: &str, after: f64, deviation: Option<&Deviation>) -> String {
-        let Driving { speed_now, speed, speeds, turned } = self.ego;
+        let Driving { speed_now, speed, speeds, turned, manoeuvre } = self.ego;
         let mut does = vec![goes("going", speed_now, speed, speeds)];
-        if turned.abs() >= TURN {
-            does.push(format!("turning {}", angle(turned)));
+        match manoeuvre {
+            _ if turned.abs() >= TURN => does.push(format!("turning {}", angle(turned))),
+            Some(Manoeuvre::MovesLeft) => does.push("moving left".to_owned()),
+            Some(Manoeuvre::MovesRight) => does.push("moving right".to_owned()),
+            _ => {}
         }
-        let mut who = self.approach.map_or("the adversary", |approach| approach.words()).to_owned();
+        let noun = if self.length >= LONG { "long vehicle" } else { "car" };
+        let mut who = self.approach.map_or("the adversary".to_owned(), |approach| approach.words(noun));
         if let Some(deviation) = deviation {
             who += &format!(" ({:.1} m/s)", deviation.speed);
         }
@@ -44,7 +54,7 @@ impl Explanation {
             Some(CollisionType::RearEnded) => format!("is hit from behind by {who}"),
         };
         let mut sentences = vec![format!("After {after:.1} s {ego}, {}, {meets}.", does.join(" and "))];
-        sentences.extend(deviation.map(|deviation| format!("That car {}.", differences(deviation))));
+        sentences.extend(deviation.map(|deviation| format!("That {noun} {}.", differences(deviation))));
         sentences.push(self.braking.sentence());
         sentences.push(self.needed.sentence());
         sentences.extend(self.shrunk.as_ref().and_then(Shrunk::sentence));
@@ -54,9 +64,9 @@ impl Explanation {
 
 /// Speeds in words: from, by way of, to.
 fn goes(verb: &str, from: f64, to: f64, [low, high]: [f64; 2]) -> String {
-    let by = if low < from.min(to) - SAME_SPEED {
+    let by = if low < from.min(to) - PASSING {
         format!(" by way of {low:.1}")
-    } else if high > from.max(to) + SAME_SPEED {
+    } else if high > from.max(to) + PASSING {
         format!(" by way of {high:.1}")
     } else {
         String::new()
@@ -72,10 +82,22 @@ fn goes(verb: &str, from: f64, to: f64, [low, high]: [f64; 2]) -> String {
 
 /// What the adversary does in place of what it was recorded to do.
 fn differences(deviation: &Deviation) -> String {
-    let Deviation { along, left, speed_now, speed, speeds, recorded_speed, turned, recorded_turned, .. } =
-        *deviation;
+    let Deviation {
+        along,
+        left,
+        speed_now,
+        speed,
+        speeds,
+        recorded_speed,
+        recorded_speeds,
+        turned,
+        recorded_turned,
+        ..
+    } = *deviation;
     let mut parts = Vec::new();
-    if (speed - recorded_speed).abs() >= SAME_SPEED {
+    let is_beyond =
+        speeds[0] < recorded_speeds[0] - SAME_SPEED || speeds[1] > recorded_speeds[1] + SAME_SPEED;
+    if is_beyond || (speed - recorded_speed).abs() >= SAME_SPEED {
         let recorded =
             if recorded_speed < STANDING { "stands".to_owned() } else { format!("{recorded_speed:.1}") };
         parts.push(format!("{} (recorded: {recorded})", goes("goes", speed_now, speed, speeds)));
@@ -94,7 +116,9 @@ fn differences(deviation: &Deviation) -> String {
         metres.push(format!("{} m further {}", rounded(along), if along > 0.0 { "along" } else { "back" }));
     }
     // Beside a way that it does not take any more, or far along it, a side says nothing.
-    if left.abs() >= NEAR && !turns && along.abs() < FAR {
+    let is_far = turns || along.abs() >= FAR;
+    let diverges = (turned - recorded_turned).abs() >= FRAC_PI_4;
+    if left.abs() >= if is_far { ASIDE } else { NEAR } && !diverges {
         metres.push(format!("{} m further {}", rounded(left), if left > 0.0 { "left" } else { "right" }));
     }
     if !metres.is_empty() {
@@ -142,7 +166,10 @@ impl Braking {
         });
         let late = match self.brakes_before_contact {
             Some(_) if self.is_hindsight() => String::new(),
-            Some(own) if own < time - ROUNDING => format!(": {:.1} s too late", time - own),
+            Some(own) if own < time - ROUNDING => {
+                let weak = if hardest < WEAK { ", and too weakly" } else { "" };
+                format!(": {:.1} s too late{weak}", time - own)
+            }
             Some(_) => ": too weakly".to_owned(),
             None => String::new(),
         };
@@ -251,6 +278,7 @@ mod tests {
             speed: 8.1,
             speeds: [7.9, 8.1],
             recorded_speed: 8.0,
+            recorded_speeds: [7.9, 8.1],
             turned: 0.02,
             recorded_turned: 0.0,
             turned_later: 0.0,
@@ -262,7 +290,8 @@ mod tests {
         Explanation {
             approach: Some(Approach::Oncoming),
             collision: Some(CollisionType::Oncoming),
-            ego: Driving { speed_now: 11.0, speed: 9.0, speeds: [9.0, 11.0], turned: 0.6 },
+            ego: Driving { speed_now: 11.0, speed: 9.0, speeds: [9.0, 11.0], turned: 0.6, manoeuvre: None },
+            length: 4.5,
             shrunk: Some(Shrunk {
                 share: 1.0,
                 acceleration: 1.2,
@@ -293,7 +322,7 @@ mod tests {
              both in opposite directions. \
              That car is 0.4 m further along and 0.9 m further left than recorded. \
              Full braking would have been enough up to 1.6 s before the contact, when that car was 0.8 m off its recording; \
-             the driver brakes from 0.2 s before it on, by 2.3 m/s² at most: 1.4 s too late. \
+             the driver brakes from 0.2 s before it on, by 2.3 m/s² at most: 1.4 s too late, and too weakly. \
              No other road user is needed. \
              It is on the edge: with 99 % of the difference from the recording, the contact stays, but is not believable."
         );
@@ -314,12 +343,25 @@ mod tests {
 
     #[test]
     fn places_are_told_by_what_they_say() {
-        let far = Deviation { along: -50.4, left: 0.7, speed: 2.1, speeds: [2.1, 7.9], ..deviation() };
+        let far = Deviation {
+            along: -50.4,
+            left: 0.7,
+            speed: 2.1,
+            recorded_speeds: [7.9, 8.0],
+            speeds: [2.1, 7.9],
+            ..deviation()
+        };
         let words = "goes from 7.9 to 2.1 m/s (recorded: 8.0) and is 50 m further back than recorded";
         assert_eq!(differences(&far), words);
         let goes = Deviation { recorded_speed: 0.0, along: 5.0, left: 0.0, ..deviation() };
         let words = "goes at 8.1 m/s (recorded: stands) and is 5.0 m further along than recorded";
         assert_eq!(differences(&goes), words);
+        let aside = Deviation { along: -11.0, left: 3.1, ..deviation() };
+        assert_eq!(differences(&aside), "is 11 m further back and 3.1 m further left than recorded");
+        let races = Deviation { speeds: [7.9, 12.0], ..deviation() };
+        assert!(
+            differences(&races).starts_with("goes from 7.9 by way of 12.0 to 8.1 m/s (recorded: 8.0) and")
+        );
         let same = Deviation { along: 0.1, left: 0.0, ..deviation() };
         assert_eq!(differences(&same), "drives nearly as recorded");
     }

@@ -12,7 +12,7 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // The program prints its table and its progress.
 
-use std::{path::PathBuf, sync::Arc};
+use std::{path::Path, sync::Arc};
 
 use advsage::{DriverInScene, Ego, NamedSearch, Recording, Registries, SearchOptions, SearchSpec};
 use anyhow::{Context as _, Result};
@@ -144,7 +144,7 @@ fn ranks(all: &[(Numbers, f64)]) -> Vec<usize> {
 }
 
 /// Whether each method finds a failure: the pool, refined, cross-entropy, NSGA-II.
-fn scene(file: &PathBuf, ego: &Ego, search: &NamedSearch) -> Result<[bool; 4]> {
+fn scene(file: &Path, ego: &Ego, search: &NamedSearch) -> Result<[bool; 4]> {
     let scene = Arc::new(Recording::read(file)?.scene);
     let driven = DriverInScene::of(&scene, ego, 0)?;
     let whole = SearchOptions { budget: BUDGET, ..SearchOptions::default() };

@@ -4,14 +4,14 @@ use sage_core::motion::Trajectory;
 use sage_sim::{
     avoidable::Avoidable,
     policy::Shown,
-    search::{Circumstances, Deviation, Evaluated, Explanation, Failure, Pool, SearchResult},
+    search::{Circumstances, Deviation, Evaluated, Explanation, Pool, SearchResult},
 };
 use serde::{Deserialize, Serialize};
 
 use super::{
     GeneratedBy,
     plan::PlanRow,
-    search::{EvaluatedRow, RowHead, failure_name},
+    search::{EvaluatedRow, RowHead, failure_name, sentence},
 };
 use crate::operating_point::RowKey;
 
@@ -78,12 +78,6 @@ impl FailureOf<'_> {
     pub fn evaluated(&self) -> &Evaluated {
         &self.result.driven[self.result.failures[self.number].drive]
     }
-}
-
-/// A failure of a driver in words, if it is explained.
-pub(super) fn sentence(ego: &str, evaluated: &Evaluated, failure: &Failure) -> Option<String> {
-    let after = evaluated.contact.as_ref()?.step as f64 / 10.0;
-    Some(failure.explanation.as_ref()?.sentence(ego, after, failure.deviation.as_ref()))
 }
 
 impl FailureRow {

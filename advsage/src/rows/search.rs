@@ -18,7 +18,6 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     ROW_LIMIT,
-    failure::sentence,
     plan::{PlanRow, REFINED},
 };
 use crate::operating_point::RowKey;
@@ -146,6 +145,12 @@ pub struct FoundFailure {
     /// What explains it, in words.
     #[serde(skip_serializing_if = "Option::is_none")]
     sentence: Option<String>,
+}
+
+/// A failure of a driver in words, if it is explained.
+pub(super) fn sentence(ego: &str, evaluated: &Evaluated, failure: &Failure) -> Option<String> {
+    let after = evaluated.contact.as_ref()?.step as f64 / 10.0;
+    Some(failure.explanation.as_ref()?.sentence(ego, after, failure.deviation.as_ref()))
 }
 
 /// What an attacked drive was found to be.

@@ -1,6 +1,6 @@
 //! `sage report`: a page of what searches have found, from their rows alone.
 
-pub(super) mod drives;
+mod drives;
 mod entry;
 
 use std::collections::{BTreeMap, HashMap, HashSet};

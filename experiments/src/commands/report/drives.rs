@@ -2,15 +2,12 @@
 
 use advsage::rows::{failure::FailureRow, search::SceneRow};
 use anyhow::Result;
-use sage_core::{
-    motion::{DT, NOW},
-    scene::Track,
-};
+use sage_core::{motion::NOW, scene::Track};
 use sage_sim::{policy::Shown, vehicle::Motion};
 use sage_view::player::{self, Meeting, Page, Panel};
 
 use super::{FILE, entry::Entry};
-use crate::commands::search::found::{FailureScene, without_folders};
+use crate::commands::search::found::{FailureScene, motions, without_folders};
 
 /// Drives in a row.
 const COLUMNS: usize = 3;
@@ -119,17 +116,4 @@ struct Parts<'p> {
     meeting: Meeting,
     adversary: Track,
     evasion: Option<Vec<[f64; 3]>>,
-}
-
-/// Motions of poses at consecutive frames.
-pub(in crate::commands) fn motions(poses: &[[f64; 3]]) -> Vec<Motion> {
-    let motion = |k: usize| {
-        // The first pose has the velocity of the second.
-        let from = k.max(1) - 1;
-        let to = (from + 1).min(poses.len() - 1);
-        let [x, y, heading] = poses[k];
-        let velocity = [0, 1].map(|axis| (poses[to][axis] - poses[from][axis]) / DT);
-        Motion { position: [x, y], heading, velocity, yaw_rate: 0.0 }
-    };
-    (0..poses.len()).map(motion).collect()
 }

@@ -13,7 +13,7 @@ use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
     geometry::OrientedBox,
-    motion::{HORIZON, MAX_COORDINATE, NOW},
+    motion::{DT, HORIZON, MAX_COORDINATE, NOW},
     objective::{Candidate, Context, ContextOptions, EgoPaths, PartSpec},
     scene::{Scene, SceneIndex},
     text::natural_order,
@@ -29,6 +29,7 @@ use sage_sim::{
     fault::FaultRule,
     policy::Shown,
     search::{Circumstances, Features, SearchOptions, suite::MOST_TESTS},
+    vehicle::Motion,
 };
 use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -227,6 +228,19 @@ impl FailureScene {
         let ctx = self.0.with_ego(&EgoPaths::one("`ego_path`", positions, Some(headings))?)?;
         Ok(DrivenFailure { plan: ctx.candidate(failure.trajectory.clone()), ctx })
     }
+}
+
+/// Motions of poses at consecutive frames.
+pub(in crate::commands) fn motions(poses: &[[f64; 3]]) -> Vec<Motion> {
+    let motion = |k: usize| {
+        // The first pose has the velocity of the second.
+        let from = k.max(1) - 1;
+        let to = (from + 1).min(poses.len() - 1);
+        let [x, y, heading] = poses[k];
+        let velocity = [0, 1].map(|axis| (poses[to][axis] - poses[from][axis]) / DT);
+        Motion { position: [x, y], heading, velocity, yaw_rate: 0.0 }
+    };
+    (0..poses.len()).map(motion).collect()
 }
 
 /// Reads a JSON file of a search.

@@ -16,7 +16,7 @@ use sage_core::{
 use sage_data::{MAX_SCENE_FILE, Recording};
 use sage_run::{
     Outcome,
-    output::{self, Folder, Inputs},
+    output::{Folder, Inputs},
     progress,
 };
 use sage_sim::vehicle::Motion;
@@ -35,7 +35,7 @@ use super::{
     record::{DRIVES, LIMIT_OF_RESULTS, RESULTS, RecordedDrive, SCENES, TestRecord},
     row::{ResultHead, TestResult},
 };
-use crate::commands::report::drives::motions;
+use crate::commands::search::found::motions;
 
 /// The page that lists all tests, and the folder of the pages of scenes.
 pub(super) const FILE: &str = "index.html";
@@ -328,14 +328,4 @@ pub(super) fn remove_old(folder: &Folder) -> Result<()> {
         }
     }
     Ok(())
-}
-
-/// The command that plays a test.
-pub(super) fn watch(suite: &Path, test: &str, ego: &str) -> Option<String> {
-    let scene = suite.join(format!("{test}.safetensors"));
-    // A suite may hold its scenes in another format.
-    scene.is_file().then(|| {
-        let [scene, ego] = [scene.display().to_string(), ego.to_owned()].map(output::quoted);
-        format!("sage simulate {scene} --ego {ego} --out watch/")
-    })
 }

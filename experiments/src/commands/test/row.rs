@@ -1,5 +1,7 @@
 //! The result of a test, as a row, as words and as a case of JUnit.
 
+use std::path::Path;
+
 use anyhow::Result;
 use sage_core::text::table::Table;
 use sage_run::{Outcome, output, progress, terminal};
@@ -10,7 +12,7 @@ use sage_sim::search::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Earlier, page};
+use super::Earlier;
 use crate::{
     cli::TestArgs,
     junit::{Case, Verdict},
@@ -167,7 +169,7 @@ impl<'s> ResultRow<'s> {
     fn message(&self, args: &TestArgs) -> String {
         let mut parts = vec![self.words()];
         parts.extend(self.sentence.map(|sentence| format!("when it was found: {sentence}")));
-        let watch = page::watch(&args.suite, &self.head.test, &args.ego.for_identity());
+        let watch = watch(&args.suite, &self.head.test, &args.ego.for_identity());
         parts.extend(watch.map(|command| format!("watch it: {command}")));
         parts.join("; ")
     }
@@ -239,6 +241,16 @@ pub(super) fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
     Ok(output::print(&if args.wide { table.aligned() } else { table.terminal() })?)
 }
 
+/// The command that plays a test.
+fn watch(suite: &Path, test: &str, ego: &str) -> Option<String> {
+    let scene = suite.join(format!("{test}.safetensors"));
+    // A suite may hold its scenes in another format.
+    scene.is_file().then(|| {
+        let [scene, ego] = [scene.display().to_string(), ego.to_owned()].map(output::quoted);
+        format!("sage simulate {scene} --ego {ego} --out watch/")
+    })
+}
+
 /// Says how many tests passed. Done unless a test counts against the driver.
 pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestArgs) -> Outcome {
     let count = |result: TestResult| rows.iter().filter(|row| row.head.result == result).count();
@@ -260,7 +272,7 @@ pub(super) fn ended(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestA
         new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(&row.head.test)));
     }
     let ego = args.ego.for_identity();
-    if let Some(command) = new.iter().find_map(|row| page::watch(&args.suite, &row.head.test, &ego)) {
+    if let Some(command) = new.iter().find_map(|row| watch(&args.suite, &row.head.test, &ego)) {
         text += &format!("\nwatch one: {command}");
     }
     // A table has no room for sentences.

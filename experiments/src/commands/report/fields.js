@@ -33,7 +33,7 @@ function fields() {
       ["human time", measured(f.human_time, 1, " s") + (isShort(f) ? " (short)" : ""), "From the onset of the plan to the latest start; people need 0.75 s"], ["λ", measured(f.lambda, 2)],
     ],
     badge: (f) => [f.at_fault === true ? "at fault" : f.at_fault === false ? "not at fault" : "fault unknown", f.at_fault === true, `${inWords(f.fault)}; ${f.prevented_by ? `${words(f.prevented_by)} prevents it` : "no reference driver prevents it"}${f.not_prevented_by.length ? `, not ${f.not_prevented_by.map(words).join(", ")}` : ""}${f.without_attack ? `; ${words(f.without_attack)}` : ""}`],
-    sentence: (f) => words(f.sentence || ""),
+    sentence: (f) => (f.sentence ? words(f.sentence) : ""),
     none: (isEmpty) => (!isEmpty ? "No failure meets all filters." : data.without.length ? "The searches found no failure." : "There are no failures: no scene was searched."),
     build: (isEmpty) => isEmpty && (element("without").open = true),
     showMore: showWithout,

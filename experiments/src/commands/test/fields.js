@@ -12,7 +12,7 @@ function fields() {
     sorts: [["result", "result"], ["cluster", "cluster"], ["scene", "scene"]],
     count: (shown, inScenes) => `${shown} of ${counted(items.length, "test", "tests")} in ${counted(inScenes, "scene", "scenes")}`,
     head: (f) => [words(f.name)],
-    sentence: (f) => words(f.sentence || ""),
+    sentence: (f) => (f.sentence ? words(f.sentence) : ""),
     values: (f) => f.did.map(([driver, did]) => [words(driver), words(did), words(did)]),
     badge: (f) => [words(f.result), f.is_failure, words(f.cluster)],
     none: () => "No test meets all filters.",

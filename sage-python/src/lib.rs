@@ -1,7 +1,7 @@
 //! The module `advsage._advsage` of Python: types and errors. All work is done by the libraries.
 //!
 //! - What a user works with: `scene`, `loading` and `folder`; `generator`, `attack` and `attacks`; `scoring`; `driven`, `episode` and
-//!   `episodes`; `searching` and `judging`; `inspecting`.
+//!   `episodes`; `searching` and `evaluating`; `inspecting`.
 //! - Planners: `planner` is asked, `observation` is what it sees, `planner_drive` its policy, `together` several drives at once.
 //! - `environments`: environments of reinforcement learning, their scenes and adversaries, and what is known and shown of them.
 //! - `built`: a generator without Python. `items`: scenes of a list. `ahead`: the only place with threads. `parts`: registries and drivers by
@@ -16,12 +16,12 @@ mod environments;
 mod episode;
 mod episodes;
 mod errors;
+mod evaluating;
 mod folder;
 mod generator;
 mod inspecting;
 mod items;
 mod job;
-mod judging;
 mod loading;
 mod made_once;
 mod observation;
@@ -59,7 +59,7 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(errors::panicking, module)?)?;
     module.add_function(wrap_pyfunction!(errors::seconds, module)?)?;
     module.add_function(wrap_pyfunction!(job::run_generate, module)?)?;
-    module.add_function(wrap_pyfunction!(judging::judge, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluating::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::inspect, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::convert, module)?)?;
     module.add_function(wrap_pyfunction!(inspecting::draw, module)?)?;

@@ -204,7 +204,7 @@ class Scenes(InFolder):
         self.assertTrue(all(failure.contact_after > 0 for failure in found))
         self.assertIn("4 scenes", repr(found))
 
-    def test_a_judged_plan_is_what_the_search_found(self):
+    def test_an_evaluated_plan_is_what_the_search_found(self):
         require = "attack,believable"
         found = sage.search(procedural(8), "idm", budget=16, require=require)
         explained = [failure for failure in found if failure.sentence]
@@ -212,20 +212,20 @@ class Scenes(InFolder):
         self.assertEqual(len(explained), sum(row["failures"] > 0 for row in found.scenes))
         self.assertGreater(len(explained), 0)
         for failure in explained:
-            judged = sage.judge(failure.scene, "idm", failure.trajectory, require=require)
-            self.assertTrue(judged["failure"] and judged["reason"] is None)
+            evaluated = sage.evaluate(failure.scene, "idm", failure.trajectory, require=require)
+            self.assertTrue(evaluated["failure"] and evaluated["reason"] is None)
             for field in ("contact", "clauses", "sentence", "explanation", "ego_path"):
-                self.assertEqual(judged[field], failure.row[field], field)
+                self.assertEqual(evaluated[field], failure.row[field], field)
             shrunk = failure.row["explanation"]["shrunk"]
-            again = sage.judge(failure.scene, "idm", shrunk["trajectory"], require=require, explain=False)
+            again = sage.evaluate(failure.scene, "idm", shrunk["trajectory"], require=require, explain=False)
             self.assertTrue(again["failure"])
             self.assertEqual((again["contact"], again["clauses"]), (shrunk["contact"], shrunk["clauses"]))
         scene = explained[0].scene
-        passes = sage.judge(scene, "expert", explained[0].trajectory)
+        passes = sage.evaluate(scene, "expert", explained[0].trajectory)
         self.assertEqual(passes["failure"], passes["reason"] is None)
         self.assertEqual(np.shape(passes["ego_path"])[1], 3)
         with self.assertRaises(sage.OptionError):
-            sage.judge(scene, "idm", np.zeros((2, 80, 2)))
+            sage.evaluate(scene, "idm", np.zeros((2, 80, 2)))
 
     def test_an_iterator_in_a_fork_is_refused(self):
         attacks = sage.generate_many(sage.Generator(), [self.scene] * 20, threads=2)

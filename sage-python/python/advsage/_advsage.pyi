@@ -343,7 +343,7 @@ def search_each(
     seed: int = 0,
     threads: int | None = None,
 ) -> Searched: ...
-def judge(
+def evaluate(
     scene: Scene,
     ego: str | Planner,
     trajectory: ArrayLike,

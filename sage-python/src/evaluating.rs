@@ -1,4 +1,4 @@
-//! One plan of the adversary, judged as a search judges it.
+//! One plan of the adversary, evaluated as a search evaluates it.
 
 use advsage::{
     part::Part,
@@ -27,7 +27,7 @@ use crate::{
     values,
 };
 
-/// Drives a driver against one plan of the adversary, and judges the drive as `search` does.
+/// Drives a driver against one plan of the adversary, and evaluates the drive as `search` does.
 ///
 /// `trajectory` is an array (80, 2): positions from frame 11 on, metres. The result is a dictionary: `failure`, whether all clauses
 /// of `require` hold, and `reason`, the first that does not; `contact`, `clauses`, `references`, ... as in the rows of a search;
@@ -36,7 +36,7 @@ use crate::{
 #[pyfunction]
 #[pyo3(signature = (scene, ego, trajectory, *, require=None, references=None, feasibility=None, explain=true, seed=0))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
-pub(crate) fn judge<'py>(
+pub(crate) fn evaluate<'py>(
     py: Python<'py>,
     scene: &Bound<'py, PyScene>,
     ego: &Bound<'py, PyAny>,
@@ -54,7 +54,7 @@ pub(crate) fn judge<'py>(
     let require = require.map(str::parse::<Requirement>).transpose().map_err(OptionError::new_err)?;
     let mut plans = values::trajectories("trajectory", trajectory)?;
     let (Some(plan), true) = (plans.pop(), plans.is_empty()) else {
-        return Err(OptionError::new_err("trajectory holds several plans; judge one after the other"));
+        return Err(OptionError::new_err("trajectory holds several plans; evaluate one after the other"));
     };
     let options = SearchOptions {
         budget: 1,
@@ -66,12 +66,12 @@ pub(crate) fn judge<'py>(
     };
     let feasibility = feasibility.map(str::parse::<Part>).transpose().map_err(OptionError::new_err)?;
     let data = &scene.get().data;
-    let row = detached(py, || judged(data, &driver, plan, feasibility.as_ref(), &options, seed));
+    let row = detached(py, || evaluated(data, &driver, plan, feasibility.as_ref(), &options, seed));
     driver.raise_interrupt()?;
     values::from_json(py, &row?)
 }
 
-fn judged(
+fn evaluated(
     data: &SceneData,
     driver: &Driver,
     plan: Trajectory,

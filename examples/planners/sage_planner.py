@@ -13,7 +13,11 @@ A planner has `act(obs)` and may have `reset(scene, seed)`, which is called befo
 - `(steer, throttle)`,
 - a plan: a list (or array) of rows `[x, y]`, `[x, y, heading]` or `[x, y, heading, speed]` in the car's frame (x ahead,
   y to the left), the first 0.1 s ahead and one every 0.1 s (`obs.to_car(x, y)` takes a point of the scene there); or
-- a dict as the protocol has it, such as `{"acceleration": 1.0, "steering_angle": 0.02}` or `{"plan": rows, "again": 5}`.
+- a dict as the protocol has it, such as `{"acceleration": 1.0, "steering_angle": 0.02}` or `{"plan": rows, "again": 5}`; with
+  `"follow": "exact"` the car takes the poses of a plan as they are.
+
+It may have `wants_goal = True`, to be told as `scene.goal` where its recording ends, and `follows = ("plan", "mpc")`, names of ways of following
+its plans, of which `scene.follow` is the one to use.
 
 Units: metres, seconds, radians; positions in the frame of the scene. `docs/testing-a-driver.md` describes all fields.
 """
@@ -127,7 +131,8 @@ class Route:
 
 
 class Scene:
-    """What is known before a drive: `id`, `route`, `car`, `map` (a list of dicts), `lights` (on the route)."""
+    """What is known before a drive: `id`, `route`, `car`, `map` (a list of dicts), `lights` (on the route), `other_lights`,
+    `route_lanes` (ids of the lanes that the route follows)."""
 
     def __init__(self, fields):
         self.id = fields["scene"]
@@ -135,6 +140,15 @@ class Scene:
         self.car = Car(fields["ego"])
         self.map = fields["map"]
         self.lights = fields["lights"]
+        self.other_lights = fields["other_lights"]
+        self.route_lanes = fields["route_lanes"]
+        self.goal = fields.get("goal")
+        self.follow = fields.get("follow")
+
+    @property
+    def all_lights(self):
+        """The lights on the route, then the others."""
+        return self.lights + self.other_lights
 
 
 class Agent:
@@ -168,15 +182,18 @@ class Agent:
 
 
 class Ego:
-    """The driven car now: centre `x`, `y` (metres), `heading` (rad), velocity `vx`, `vy` (m/s), `yaw_rate` (rad/s)."""
+    """The driven car now: centre `x`, `y` (metres), `heading` (rad), velocity `vx`, `vy` (m/s), `yaw_rate` (rad/s); in the step
+    before, `acceleration` (m/s2, forward) and `steering_angle` (rad)."""
 
-    __slots__ = ("x", "y", "heading", "vx", "vy", "yaw_rate")
+    __slots__ = ("x", "y", "heading", "vx", "vy", "yaw_rate", "acceleration", "steering_angle")
 
     def __init__(self, fields):
         self.x, self.y = fields["position"]
         self.heading = fields["heading"]
         self.vx, self.vy = fields["velocity"]
         self.yaw_rate = fields["yaw_rate"]
+        self.acceleration = fields["acceleration"]
+        self.steering_angle = fields["steering_angle"]
 
     def __repr__(self):
         return f"<Ego at ({self.x:.1f}, {self.y:.1f}), heading {self.heading:.2f}, {self.speed:.1f} m/s>"
@@ -198,9 +215,16 @@ class Observation:
         self.ego = Ego(fields["ego"])
         #: States of `scene.lights` now: "red", "yellow", "green", "flashing red" or "unknown".
         self.lights = fields["lights"]
+        #: States of `scene.other_lights`.
+        self.other_lights = fields["other_lights"]
         #: The messages of the last ten frames, the oldest first, this one last.
         self.history = history
         self._agents = None
+
+    @property
+    def all_lights(self):
+        """States of `scene.all_lights`."""
+        return self.lights + self.other_lights
 
     @property
     def agents(self):
@@ -346,12 +370,29 @@ def _plain(value):
     return value
 
 
+_answers = None
+
+
+def keep_standard_output():
+    """The file of answers. From the first call on, whatever else writes to the standard output goes to the standard error."""
+    global _answers
+    if _answers is None:
+        _answers = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
+        os.dup2(2, 1)
+        sys.stdout = sys.stderr
+    return _answers
+
+
+# `sage` sets this for its planners: libraries that are imported after this module may print when they are loaded.
+if os.environ.get("SAGE_PLANNER"):
+    keep_standard_output()
+
+
 def serve(planner, observation=False):
     """Answers `sage` until it closes the input. What the planner prints goes to the log of the run."""
-    # Answers alone go to the standard output; whatever else writes there goes to the standard error.
-    out = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
-    os.dup2(2, 1)
-    sys.stdout = sys.stderr
+    out = keep_standard_output()
+    hello = {"hello": PROTOCOL, "observation": observation, "goal": getattr(planner, "wants_goal", False) is True}
+    hello["follows"] = list(getattr(planner, "follows", ()))
     encode = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
     scene, history = None, deque(maxlen=HISTORY)
     for line in sys.stdin:
@@ -368,6 +409,6 @@ def serve(planner, observation=False):
                 planner.reset(scene, message["reset"]["seed"])
             answer = {"ready": True}
         else:
-            answer = {"hello": PROTOCOL, "observation": observation}
+            answer = hello
         out.write(encode(answer) + "\n")
         out.flush()

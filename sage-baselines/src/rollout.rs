@@ -106,7 +106,7 @@ pub fn roll_out(
         rollout.observations.push(seen);
         rollout.actions.push(match control {
             Control::Drive(action) => action.limited(),
-            Control::Pose { .. } => Action::default(),
+            Control::Pose { .. } | Control::Follow { .. } => Action::default(),
         });
         rollout.note(&environment);
         let events = environment.world().events();

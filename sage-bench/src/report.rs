@@ -2,6 +2,7 @@
 
 mod charts;
 mod curves;
+mod limits;
 mod pairs;
 mod record;
 mod sweeps;
@@ -17,6 +18,7 @@ use sage_core::{metric::Aggregate, statistics::Estimate, text::table::Table, tex
 
 use crate::{Result, csv_text::csv};
 
+pub use limits::{OwnWorld, VERDICTS};
 pub(crate) use pairs::KINDS;
 pub use record::{StudyRecord, join, read, rows_csv};
 
@@ -62,6 +64,8 @@ impl Report {
             .flatten()
             .collect();
         tables.extend(types(results));
+        let limits = limits::tables(study, results, &all)?;
+        tables.extend(limits.as_ref().map(|(table, _)| table.clone()));
         tables.extend(curves::tables(study, results)?);
         if study.report.sweeps {
             tables.extend(sweeps::tables(results)?);
@@ -74,6 +78,7 @@ impl Report {
         let notes = tests::braking(results) + &study.report.notes;
         let mut files =
             vec![(ESTIMATES.to_owned(), estimates(results, &all)), (ROWS.to_owned(), rows_csv(results))];
+        files.extend(limits.map(|(_, file)| (limits::VERDICTS.to_owned(), file)));
         files.extend(charts::draw(study, results)?);
         let report = Self { tables, words: words(study, results), notes: notes + intervals(results), files };
         let page = report.markdown();

@@ -12,7 +12,7 @@ use advsage::{
 use sage_sim::{avoidable::AvoidanceOptions, search::SearchOptions};
 use serde::{Deserialize, Deserializer, Serialize};
 
-pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, ReportSpec, VerdictSpec};
+pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, Limit, PairSpec, ReportSpec, VerdictSpec};
 
 use crate::{
     Error, Result,
@@ -21,9 +21,10 @@ use crate::{
 };
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 26] = [
+pub const SHIPPED: [(&str, &str); 27] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
+    ("admit", include_str!("../studies/admit.yaml")),
     ("front", include_str!("../studies/front.yaml")),
     ("pareto", include_str!("../studies/pareto.yaml")),
     ("dial", include_str!("../studies/dial.yaml")),
@@ -132,6 +133,9 @@ pub struct Study {
     /// Runs of `sage train-ego` as `NAME=FOLDER`.
     #[serde(deserialize_with = "words")]
     pub runs: Vec<String>,
+    /// What learned policies do in the simulators of their authors, as `DRIVER=FILE` ([`crate::report::OwnWorld`]).
+    #[serde(deserialize_with = "words")]
+    pub own_world: Vec<String>,
     /// Number of untrained policies, the floor.
     pub untrained: u64,
     /// Seed of random numbers.

@@ -193,7 +193,9 @@ impl RunningEpisode {
             }
             control => {
                 let problem = match control {
-                    Control::Pose { .. } => "the teacher sets poses; name one that steers and accelerates",
+                    Control::Pose { .. } | Control::Follow { .. } => {
+                        "the teacher sets poses; name one that steers and accelerates"
+                    }
                     Control::Drive(_) => "the action of the teacher is not a number",
                 };
                 let scene = world.scene().scene().id.clone();

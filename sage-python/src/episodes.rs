@@ -90,7 +90,7 @@ impl PyEpisodes {
                 }
             }
             let drive = |item, questions| {
-                let policy = Arc::new(PlannerPolicy(Way::Question(planner.clone(), questions)));
+                let policy = Arc::new(PlannerPolicy::new(Way::Question(planner.clone(), questions)));
                 let driver = Driver { policy, ..self.driver.clone() };
                 driven(item, &driver, &self.attacker, self.seed)
             };

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use pyo3::{
     prelude::*,
-    types::{PyDict, PyList, PyTuple},
+    types::{PyList, PyTuple},
 };
 use sage_core::scene::MapKind;
 use sage_sim::{
@@ -54,16 +54,31 @@ impl PyToldScene {
         values::from_serde(py, &self.0.map())
     }
 
-    /// Lights on the route: a list of dictionaries with `lane` and `along`.
-    fn lights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        let all = PyList::empty(py);
-        for (lane, along) in self.0.lights() {
-            let dict = PyDict::new(py);
-            dict.set_item("lane", lane)?;
-            dict.set_item("along", along)?;
-            all.append(dict)?;
-        }
-        Ok(all)
+    /// Lights on the route: a list of dictionaries with `lane`, `along` and `point`.
+    fn lights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        values::from_serde(py, &self.0.lights())
+    }
+
+    /// The other lights: a list of dictionaries with `lane` and `point`.
+    fn other_lights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        values::from_serde(py, &self.0.other_lights())
+    }
+
+    /// Identifiers of the lanes that the route follows.
+    fn route_lanes(&self) -> Vec<&str> {
+        self.0.route_lanes()
+    }
+
+    /// Where the recording ends along the route, metres, if the planner asks.
+    #[getter]
+    fn goal(&self) -> Option<f64> {
+        self.0.goal()
+    }
+
+    /// How the planner is to follow its plans, if it offers ways.
+    #[getter]
+    fn follow(&self) -> Option<&str> {
+        self.0.follow()
     }
 
     /// Points of all lanes, or of all edges, of the scene: a list of arrays (points, 3).
@@ -113,10 +128,11 @@ impl PyStep {
         self.now().t
     }
 
-    /// x, y, heading, vx, vy and yaw rate of the car.
-    fn ego(&self) -> (f64, f64, f64, f64, f64, f64) {
-        let ToldStep { position: [x, y], heading, velocity: [vx, vy], yaw_rate, .. } = self.now();
-        (*x, *y, *heading, *vx, *vy, *yaw_rate)
+    /// x, y, heading, vx, vy, yaw rate, acceleration and angle of the front wheels of the car.
+    fn ego(&self) -> [f64; 8] {
+        let now = self.now();
+        let ([x, y], [vx, vy]) = (now.position, now.velocity);
+        [x, y, now.heading, vx, vy, now.yaw_rate, now.acceleration, now.steering_angle]
     }
 
     /// The other road users, the nearest first: id, type, length, width, x, y, heading, vx and vy of each.
@@ -158,6 +174,11 @@ impl PyStep {
     /// States of the lights on the route.
     fn lights(&self) -> Vec<&'static str> {
         self.now().lights.clone()
+    }
+
+    /// States of the other lights.
+    fn other_lights(&self) -> Vec<&'static str> {
+        self.now().other_lights.clone()
     }
 
     /// The 101 numbers of a learning driver: array (101,) of 32-bit floats.

@@ -96,7 +96,7 @@ impl Driver {
     /// The driver of an object with a method `act`.
     fn of_object(object: &Bound<'_, PyAny>) -> PyResult<Self> {
         let planner = Arc::new(Planner::new(object)?);
-        let policy = Arc::new(PlannerPolicy(Way::Call(planner.clone())));
+        let policy = Arc::new(PlannerPolicy::new(Way::Call(planner.clone())));
         let references = detached(object.py(), || {
             Ok(references::references(&references::default_names(), "", registries()?)?)
         })?;

@@ -9,7 +9,7 @@ use pyo3::{
     exceptions::PyException,
     intern,
     prelude::*,
-    types::{PyDict, PyFloat, PyList, PyString, PyTuple, PyType},
+    types::{PyBool, PyDict, PyFloat, PyList, PyString, PyTuple, PyType},
 };
 use sage_sim::{
     observation::LaterObservation,
@@ -61,6 +61,10 @@ pub(crate) struct Planner {
     /// Whether it takes the observation of one drive, and those of several drives at once.
     takes_one: bool,
     pub(crate) takes_many: bool,
+    /// Whether it wants to know where its recording ends.
+    pub(crate) wants_goal: bool,
+    /// The ways of following its plans that it offers, the default first.
+    pub(crate) follows: Vec<String>,
     /// What it raised that is no `Exception`, such as Ctrl-C or `SystemExit`: no drive asks the planner again.
     stopped_by: OnceLock<PyErr>,
 }
@@ -95,7 +99,17 @@ impl Planner {
                 "ego is {problem}; expected the name of a driver such as 'idm', 'py:package.module:Class', or an object with `act(obs)`"
             )));
         }
-        Ok(Self { object: object.clone().unbind(), name, takes_one, takes_many, stopped_by: OnceLock::new() })
+        let wants_goal =
+            object.getattr_opt(intern!(py, "wants_goal"))?.is_some_and(|goal| goal.is(PyBool::new(py, true)));
+        let follows = match object.getattr_opt(intern!(py, "follows"))? {
+            Some(follows) => follows.extract().map_err(|_| {
+                OptionError::new_err(format!("`follows` of {name} is {follows}; expected a list of names"))
+            })?,
+            None => Vec::new(),
+        };
+        let object = object.clone().unbind();
+        let stopped_by = OnceLock::new();
+        Ok(Self { object, name, takes_one, takes_many, wants_goal, follows, stopped_by })
     }
 
     /// Whether something stopped it, such as Ctrl-C.

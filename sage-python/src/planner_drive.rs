@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use sage_sim::{
     Error,
     policy::{
-        Driver, EgoPolicy, Shown, Start, View,
-        planner::{AGENTS, Answer, Follower, RADIUS, ToldScene, ToldStep},
+        Driver, EgoPolicy, OtherWay, Shown, Start, View,
+        planner::{AGENTS, Answer, Asks, Follower, StepBefore, ToldScene, ToldStep},
     },
     world::Control,
 };
@@ -76,13 +76,37 @@ impl Way {
     }
 }
 
-/// The policy of a planner.
-pub(crate) struct PlannerPolicy(pub(crate) Way);
+/// The policy of a planner, which follows its plans by one of the ways that it offers.
+pub(crate) struct PlannerPolicy {
+    way: Way,
+    asks: Asks,
+}
+
+impl PlannerPolicy {
+    pub(crate) fn new(way: Way) -> Self {
+        let planner = way.planner();
+        let asks =
+            Asks { goal: planner.wants_goal, follow: planner.follows.first().cloned(), ..Asks::default() };
+        Self { way, asks }
+    }
+}
 
 impl EgoPolicy for PlannerPolicy {
+    fn other_ways(&self) -> Result<Vec<OtherWay>, Error> {
+        let follows = self.way.planner().follows.iter();
+        let others = follows.filter(|follow| self.asks.follow.as_ref() != Some(*follow));
+        let other = |follow: &String| {
+            let asks = Asks { follow: Some(follow.clone()), ..self.asks.clone() };
+            OtherWay { name: follow.clone(), policy: Box::new(Self { way: self.way.clone(), asks }) }
+        };
+        Ok(others.map(other).collect())
+    }
+
     fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(PlannerDriver {
-            way: self.0.clone(),
+            way: self.way.clone(),
+            asks: self.asks.clone(),
+            before: StepBefore::default(),
             scene_id: start.scene_id().to_owned(),
             seed: start.seed(),
             told: None,
@@ -98,6 +122,8 @@ impl EgoPolicy for PlannerPolicy {
 /// A drive of a planner.
 struct PlannerDriver {
     way: Way,
+    asks: Asks,
+    before: StepBefore,
     scene_id: String,
     seed: u64,
     told: Option<Arc<ToldScene>>,
@@ -113,20 +139,16 @@ struct PlannerDriver {
 
 impl Driver for PlannerDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        if let Some(action) = self.follower.kept_action(view) {
-            self.remember(view, false);
-            return Ok(Control::Drive(action));
-        }
-        let answer = self.answer(view).map_err(|problem| Error::Planner {
+        let control = self.next(view).map_err(|problem| Error::Planner {
             scene: self.scene_id.clone(),
             step: Some(view.step()),
+            is_late: false,
             problem: format!("the planner `{}` failed: {problem}", self.way.planner().name),
             log: sage_sim::PlannerLog::default(),
             drive: None,
         })?;
-        let (action, plan) = self.follower.follow(view, answer);
-        self.shown = (!plan.is_empty()).then(|| Shown { step: view.step(), plan, log: String::new() });
-        Ok(Control::Drive(action))
+        self.before = StepBefore::of(view, &control);
+        Ok(control)
     }
 
     fn shown(&mut self) -> Option<Shown> {
@@ -142,12 +164,24 @@ impl Driver for PlannerDriver {
 }
 
 impl PlannerDriver {
+    /// The control of the next step.
+    fn next(&mut self, view: &View) -> Result<Control, String> {
+        if let Some(control) = self.follower.kept(view)? {
+            self.remember(view, false);
+            return Ok(control);
+        }
+        let answer = self.answer(view)?;
+        let (control, plan) = self.follower.follow(view, answer)?;
+        self.shown = (!plan.is_empty()).then(|| Shown { step: view.step(), plan, log: String::new() });
+        Ok(control)
+    }
+
     /// Keeps what is seen in a frame.
     fn remember(&mut self, view: &View, is_asked: bool) {
         if self.frames.len() == HISTORY {
             self.frames.pop_front();
         }
-        self.frames.push_back((Arc::new(ToldStep::new(view, AGENTS)), is_asked));
+        self.frames.push_back((Arc::new(ToldStep::new(view, AGENTS, &self.before)), is_asked));
     }
 
     /// What the planner answers to a step.
@@ -156,7 +190,8 @@ impl PlannerDriver {
             return Err("it was interrupted".to_owned());
         }
         let is_first = self.told.is_none();
-        let told = self.told.get_or_insert_with(|| Arc::new(ToldScene::new(view, self.seed, RADIUS)));
+        let asks = &self.asks;
+        let told = self.told.get_or_insert_with(|| Arc::new(ToldScene::new(view, self.seed, asks.clone())));
         let told = told.clone();
         self.remember(view, true);
         let asked = Asked {

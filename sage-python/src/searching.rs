@@ -56,6 +56,7 @@ impl Searcher {
             return Err(Error::Planner {
                 scene: scene.scene.id.clone(),
                 step: None,
+                is_late: false,
                 problem: format!("every attacked drive ended in an error; the first: {first}"),
                 log: PlannerLog::default(),
                 drive: None,

@@ -19,6 +19,7 @@ use crate::{
     policy::EgoPolicy,
     red_lights::over_red,
     reference::{Reference, Watching},
+    repeated::once_more_if_late,
     scene::SimScene,
     traffic::Plan,
     unattacked::{UnattackedDrive, until_contact},
@@ -64,14 +65,16 @@ impl<'p> AttackTest<'p> {
     ///
     /// *Errors*: the policy cannot drive in this scene.
     pub fn new(policy: &'p dyn EgoPolicy, scene: &Arc<SimScene>, seed: u64) -> Result<Self, Error> {
-        let mut simulation = Simulation::new(scene, &Arc::default(), None, policy, seed)?;
-        let unattacked = drive(&mut simulation)?;
+        let (unattacked, car) = once_more_if_late(|| {
+            let mut simulation = Simulation::new(scene, &Arc::default(), None, policy, seed)?;
+            Ok((drive(&mut simulation)?, *simulation.world().car()))
+        })?;
         Ok(Self {
             policy,
             scene: scene.clone(),
             seed,
             unattacked,
-            car: *simulation.world().car(),
+            car,
             references: &[],
             fault: FaultRule::Nuplan,
         })
@@ -99,6 +102,38 @@ impl<'p> AttackTest<'p> {
         let scene = self.scene.on_same_map(Arc::new(self.scene().among(stays)))?;
         let test = Self::new(self.policy, &scene, self.seed)?;
         Ok(test.with_references(self.references).with_fault(self.fault))
+    }
+
+    /// The test with another driver, scene and seed, of which the drive without the attack is known.
+    pub(crate) fn varied<'v>(
+        &self,
+        policy: &'v dyn EgoPolicy,
+        scene: &Arc<SimScene>,
+        seed: u64,
+        unattacked: Drive,
+    ) -> AttackTest<'v>
+    where
+        'p: 'v,
+    {
+        AttackTest {
+            policy,
+            scene: scene.clone(),
+            seed,
+            unattacked,
+            car: self.car,
+            references: self.references,
+            fault: self.fault,
+        }
+    }
+
+    /// The driver.
+    pub(crate) fn policy(&self) -> &dyn EgoPolicy {
+        self.policy
+    }
+
+    /// Seed of random numbers.
+    pub(crate) fn seed(&self) -> u64 {
+        self.seed
     }
 
     /// The reference drivers, which have watched the drive up to *now*.

@@ -204,7 +204,7 @@ impl Simulation {
         self.control = Some(control);
         let action = match control {
             Control::Drive(action) => action.limited(),
-            Control::Pose { .. } => Action::default(),
+            Control::Pose { .. } | Control::Follow { .. } => Action::default(),
         };
         let (route, motion) = (self.observation.route(self.world.scene()), self.world.motion());
         self.driving.advance(action, route, Localization::Nearest, motion);

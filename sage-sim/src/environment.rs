@@ -129,7 +129,9 @@ impl Environment {
         self.check_running()?;
         let (action, is_late) = match control {
             Control::Drive(action) => (action.limited(), false),
-            Control::Pose { .. } => (Action::default(), self.options.late_navigation),
+            Control::Pose { .. } | Control::Follow { .. } => {
+                (Action::default(), self.options.late_navigation)
+            }
         };
         self.step_world(control)?;
         Ok(self.finish(action, is_late, None))

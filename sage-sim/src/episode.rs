@@ -19,6 +19,7 @@ use crate::{
     environment::ARRIVED,
     fault::{FaultClass, FaultRule, classify, is_slowed},
     policy::EgoPolicy,
+    repeated::once_more_if_late,
     scene::SimScene,
     traffic::Plan,
     vehicle::SUBSTEP,
@@ -256,7 +257,7 @@ impl Episode {
         policy: &dyn EgoPolicy,
         seed: u64,
     ) -> Result<Self, Error> {
-        Progress::start(scene, plan, policy, seed)?.finish()
+        once_more_if_late(|| Progress::start(scene, plan.clone(), policy, seed)?.finish())
     }
 
     /// The same with a plan of an adversary that reacts, and the path that it drives.

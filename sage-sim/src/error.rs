@@ -62,6 +62,8 @@ pub enum Error {
         scene: String,
         /// Step of the drive; `None` if the program did not start.
         step: Option<usize>,
+        /// Whether an answer did not come in time, which another try may mend.
+        is_late: bool,
         /// The command, and what happened.
         problem: String,
         /// What it wrote to its standard error.
@@ -91,6 +93,19 @@ impl Error {
             Self::Core(error) => error,
             other => sage_core::Error::Scene { scene: scene.id.clone(), problem: other.to_string() },
         }
+    }
+
+    /// Whether a planner's answer did not come in time.
+    pub(crate) fn is_late(&self) -> bool {
+        matches!(self, Self::Planner { is_late: true, .. })
+    }
+
+    /// The error of a drive that was begun twice.
+    pub(crate) fn repeated(mut self) -> Self {
+        if let Self::Planner { problem, .. } = &mut self {
+            problem.push_str("; the drive was begun twice");
+        }
+        self
     }
 
     /// The error with the drive that it ended; only that of a planner holds one.

@@ -58,7 +58,9 @@ mod rays;
 mod reacting;
 pub mod red_lights;
 pub mod reference;
+mod repeated;
 pub mod route;
+pub mod route_lanes;
 pub mod route_lights;
 mod scene;
 pub mod search;
@@ -68,6 +70,7 @@ pub mod traffic;
 pub mod unattacked;
 pub mod vehicle;
 pub mod world;
+mod wrong_way;
 
 pub use error::{Error, PlannerLog};
 pub use scene::SimScene;

@@ -34,8 +34,26 @@ pub fn drive_metrics() -> Result<Metrics<UnattackedDrive>, Error> {
         Metric::share("over red", |d: &D| d.over_red.as_ref().map(|frames| !frames.is_empty()))
             .about("of the drives with a light ahead, those that cross its stop point while it is red")
             .less_is_better(),
+        Metric::share("wrong way", |d: &D| d.wrong_way)
+            .about("against all lanes within 2.5 m for half a second before any contact, where the recording is not")
+            .less_is_better(),
         Metric::median("completion", |d: &D| d.completion)
             .about("progress along the logged route by that of the log")
+            .more_is_better(),
+        Metric::mean("on its plan", |d: &D| d.on_plan)
+            .about("share of the steps in which the car is within 0.3 m of its newest plan, of drivers that show plans")
+            .more_is_better(),
+        Metric::mean("off its plan", |d: &D| d.off_plan)
+            .unit("m")
+            .about("largest distance of the car from its newest plan, of drivers that show plans")
+            .less_is_better(),
+        Metric::mean("step time", |d: &D| d.again?.step_time)
+            .unit("ms")
+            .about("mean time of a step of the driver")
+            .less_is_better()
+            .varying(),
+        Metric::share("same again", |d: &D| Some(d.again?.is_same))
+            .about("driven once more in the same scene it drives the same, bit for bit")
             .more_is_better(),
         Metric::mean("steps", |d: &D| Some(d.steps as f64)).unit("steps"),
         Metric::mean("off-road frame", |d: &D| d.off_road.step().map(|step| step as f64)).unit("frames"),

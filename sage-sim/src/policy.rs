@@ -183,10 +183,25 @@ pub trait EgoPolicy: Send + Sync {
     /// Names the folder of a run, for policies that keep logs. Without it they keep temporary ones.
     fn write_logs_to(&self, _folder: &Path) {}
 
+    /// The other ways of following its plans that it offers, each as a policy of its own.
+    ///
+    /// *Errors*: [`Error::Planner`] for a program that does not start.
+    fn other_ways(&self) -> Result<Vec<OtherWay>, Error> {
+        Ok(Vec::new())
+    }
+
     /// A driver for one drive.
     ///
     /// *Errors*: [`Error::Policy`] for a scene in which it cannot drive, [`Error::Planner`] for a program that fails.
     fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error>;
+}
+
+/// The same policy with another way of following its plans.
+pub struct OtherWay {
+    /// Name of the way, as the policy calls it.
+    pub name: String,
+    /// The policy that follows by it.
+    pub policy: Box<dyn EgoPolicy>,
 }
 
 /// What a policy gets at the start of a drive.

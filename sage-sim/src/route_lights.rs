@@ -94,6 +94,11 @@ impl RouteLights {
     pub fn stops(&self) -> &[StopPlace] {
         &self.stops
     }
+
+    /// The lights of the scene that are not on the route (indices into [`Scene::lights`]).
+    pub fn elsewhere(&self, scene: &Scene) -> impl Iterator<Item = usize> {
+        (0..scene.lights.len()).filter(|light| self.stops.iter().all(|stop| stop.light != *light))
+    }
 }
 
 /// Share of a lane that a route uses, of the part beside the route; `None` if no part is.

@@ -7,7 +7,11 @@ use crate::{
     red_lights::over_red,
     scene::SimScene,
     vehicle::{Motion, Vehicle},
+    wrong_way::is_wrong_way,
 };
+
+/// Largest distance from a plan at which a car counts as on it, metres.
+pub const ON_PLAN: f64 = 0.3;
 
 /// Scenes with a shorter logged drive have no completion, metres.
 const SHORTEST_LOG: f64 = 5.0;
@@ -29,6 +33,24 @@ pub struct UnattackedDrive {
     pub is_comfortable: Option<bool>,
     /// Frames at which it runs over red, up to its first contact; `None` without a light ahead on its route.
     pub over_red: Option<Vec<usize>>,
+    /// Whether it drives against the lanes for half a second, up to its first contact, and the recording does not; `None` on a
+    /// map without lanes.
+    pub wrong_way: Option<bool>,
+    /// Largest distance of the car from its newest plan, metres, up to its first contact; `None` for a driver that shows no plan.
+    pub off_plan: Option<f64>,
+    /// Share of the steps in which it is within [`ON_PLAN`] of it.
+    pub on_plan: Option<f64>,
+    /// The same driver once more in the same scene, if that was asked.
+    pub again: Option<Again>,
+}
+
+/// A second drive in the same scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Again {
+    /// Whether it is the same, bit for bit.
+    pub is_same: bool,
+    /// Mean time of its steps, milliseconds.
+    pub step_time: Option<f64>,
 }
 
 impl UnattackedDrive {
@@ -39,14 +61,23 @@ impl UnattackedDrive {
             let track = scene.scene().tracks[contact.other.track].id.clone();
             (contact.step, track, classify(contact, car, scene.index()))
         });
+        let until = until_contact(drive);
+        let distances = drive.distances_to_plan(until.len().saturating_sub(1));
         Self {
             steps: drive.motions.len() - 1,
             contacts: contacts.collect(),
             off_road: drive.off_road,
             recording_leaves_road: drive.off_road.step().is_some() && scene.recording_leaves_road(),
             completion: (log >= SHORTEST_LOG).then(|| drive.progress / log),
-            is_comfortable: is_comfortable(until_contact(drive)),
-            over_red: over_red(scene, until_contact(drive)),
+            is_comfortable: is_comfortable(until),
+            over_red: over_red(scene, until),
+            wrong_way: is_wrong_way(until, scene),
+            off_plan: distances.iter().copied().reduce(f64::max),
+            on_plan: (!distances.is_empty()).then(|| {
+                distances.iter().filter(|distance| **distance <= ON_PLAN).count() as f64
+                    / distances.len() as f64
+            }),
+            again: None,
         }
     }
 

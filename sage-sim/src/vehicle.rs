@@ -15,7 +15,7 @@ pub const SUBSTEP: f64 = 0.02;
 pub const SUBSTEPS: usize = 5;
 
 /// Acceleration of gravity, m/s².
-const GRAVITY: f64 = 9.81;
+pub(crate) const GRAVITY: f64 = 9.81;
 /// Share of the slip velocity across a wheel that its tyre removes in a substep.
 const SIDE_STIFFNESS: f64 = 0.2;
 /// Weight of longitudinal impulses in the friction limit: braking reaches almost twice the lateral limit.

@@ -363,6 +363,7 @@ impl World {
         match control {
             Control::Drive(action) => self.drive(action),
             Control::Pose { pose, velocity } => self.place(pose, velocity),
+            Control::Follow { pose, velocity } => self.place(pose, Some(velocity)),
         }
     }
 

@@ -18,8 +18,8 @@ use sage_sim::{
     attack_test::{AttackPath, AttackTest},
     avoidable::{Avoidance, AvoidanceOptions},
     metrics::MeasuredAttack,
-    policy::{StepTimes, Timed},
-    unattacked::UnattackedDrive,
+    policy::{EgoPolicy, StepTimes, Timed},
+    unattacked::{Again, UnattackedDrive},
 };
 
 pub use metrics::{Choice, MeasuredPlan};
@@ -46,6 +46,9 @@ struct Prepared<'a> {
     avoidance: Option<Avoidance>,
     samples: Option<EgoSamples>,
 }
+
+/// Metrics for which a driver drives once more.
+const OF_SECOND_DRIVE: [&str; 2] = ["step time", "same again"];
 
 /// Which subjects a study measures.
 struct Measures {
@@ -85,7 +88,18 @@ pub struct Attacks {
     /// Paths that attacks on drivers are planned against.
     planned_against: Vec<PlannedAgainst>,
     measures: Measures,
+    /// Whether drives in unchanged scenes are repeated.
+    repeats_drives: bool,
     seed: u64,
+}
+
+/// The same driver once more; `None` if it fails.
+fn again(policy: &dyn EgoPolicy, scene: &Arc<SimScene>, test: &AttackTest, seed: u64) -> Option<Again> {
+    let times = Arc::<StepTimes>::default();
+    let timed = Timed::new(policy, times.clone());
+    let second = AttackTest::new(&timed, scene, seed).ok()?;
+    let is_same = second.unattacked().motions == test.unattacked().motions;
+    Some(Again { is_same, step_time: times.mean() })
 }
 
 impl Attacks {
@@ -161,6 +175,7 @@ impl Attacks {
                 given => given.to_vec(),
             },
             measures,
+            repeats_drives: listed(Subject::Drive).iter().any(|name| OF_SECOND_DRIVE.contains(&&**name)),
             seed: study.seed,
         };
         all.slots = all.make_slots();
@@ -208,7 +223,11 @@ impl Attacks {
             }
         };
         if let (Some((test, _)), Some(key)) = (&test, self.numbers.get(&Slot::Drive { ego: number })) {
-            result.cells.push(cell(*key, &self.drives, &test.unattacked_drive()));
+            let mut drive = test.unattacked_drive();
+            if self.repeats_drives && let Some((ego, Ok(simulated))) = driver {
+                drive.again = again(&*ego.policy, simulated, test, self.seed);
+            }
+            result.cells.push(cell(*key, &self.drives, &drive));
         }
         // Without an adversary there is nothing to attack with.
         if data.scene.adversary.is_none() {

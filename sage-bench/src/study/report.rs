@@ -27,6 +27,9 @@ pub struct ReportSpec {
     /// Verdicts on the published numbers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdicts: Option<VerdictSpec>,
+    /// Limits on metrics of drives in unchanged scenes, by which drivers are admitted.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub limits: Vec<Limit>,
     /// Families of tests between trained policies.
     pub tests: Vec<Family>,
     /// Whether the strongest and the failed attacks of each method are drawn.
@@ -57,6 +60,29 @@ pub struct VerdictSpec {
     pub reference: Option<String>,
     /// Metrics of the orderings.
     pub ordered: Vec<String>,
+}
+
+/// A limit on a metric of drives: at most, or at least.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limit {
+    /// The metric.
+    pub metric: String,
+    /// Its largest value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_most: Option<f64>,
+    /// Its least value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_least: Option<f64>,
+}
+
+impl Limit {
+    /// The limit in words.
+    pub fn words(&self) -> String {
+        let bound = |sign: &str, value: Option<f64>| value.map(|value| format!(" {sign} {value}"));
+        let bounds = [bound("≤", self.at_most), bound("≥", self.at_least)];
+        self.metric.clone() + &bounds.into_iter().flatten().collect::<String>()
+    }
 }
 
 /// What is compared.

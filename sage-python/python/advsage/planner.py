@@ -32,8 +32,8 @@ class Planner(Protocol):
 
 
 class Scene(sage_planner.Scene):
-    """What is known before a drive: `id`, `route`, `car`, `lights` (on the route: dictionaries with `lane` and `along`), `map`
-    (a list of dictionaries), and as arrays `lanes`, `edges` and `route.array`."""
+    """What is known before a drive: `id`, `route`, `car`, `lights` (on the route: dictionaries with `lane`, `along` and `point`),
+    `other_lights`, `map` (a list of dictionaries), `route_lanes` (ids), and as arrays `lanes`, `edges` and `route.array`."""
 
     def __init__(self, told, drive=0):
         self._told = told
@@ -43,6 +43,11 @@ class Scene(sage_planner.Scene):
         self.route = Route(told.route())
         self.car = Car(told.car())
         self.lights = told.lights()
+        self.other_lights = told.other_lights()
+        #: Where the recording ends along the route, metres, for a planner with `wants_goal = True`.
+        self.goal = told.goal
+        #: How to follow plans, for a planner that offers ways: `follows = ("plan", "exact")`.
+        self.follow = told.follow
 
     def __repr__(self):
         return f"<Scene '{self.id}': route of {self.route.length:.0f} m, {len(self.lights)} lights>"
@@ -51,6 +56,11 @@ class Scene(sage_planner.Scene):
     def map(self):
         """Features of the map within 50 m of the route: dictionaries as in the message `reset` of the protocol."""
         return self._told.map()
+
+    @cached_property
+    def route_lanes(self):
+        """Ids of the lanes that the route follows, in their order."""
+        return self._told.route_lanes()
 
     @cached_property
     def lanes(self):
@@ -74,7 +84,8 @@ class Route(sage_planner.Route):
 
 class _Ego(Ego):
     def __init__(self, numbers):
-        self.x, self.y, self.heading, self.vx, self.vy, self.yaw_rate = numbers
+        self.x, self.y, self.heading, self.vx, self.vy, self.yaw_rate = numbers[:6]
+        self.acceleration, self.steering_angle = numbers[6:]
 
 
 class _Agent(Agent):
@@ -98,13 +109,13 @@ class Observation(sage_planner.Observation):
 
     @cached_property
     def ego(self):
-        """The driven car: `x`, `y`, `heading`, `vx`, `vy`, `yaw_rate`, `speed`."""
+        """The driven car: `x`, `y`, `heading`, `vx`, `vy`, `yaw_rate`, `acceleration`, `steering_angle`, `speed`."""
         return _Ego(self._step.ego())
 
     @cached_property
     def ego_row(self):
         """The driven car as a row of `agent_rows`: array (7,) of x, y, heading, vx, vy, length, width."""
-        x, y, heading, vx, vy, _ = self._step.ego()
+        x, y, heading, vx, vy = self._step.ego()[:5]
         return np.array([x, y, heading, vx, vy, self.scene.car.length, self.scene.car.width])
 
     @cached_property
@@ -141,6 +152,11 @@ class Observation(sage_planner.Observation):
     def lights(self):
         """States of `scene.lights` now: "red", "yellow", "green", "flashing red" or "unknown"."""
         return self._step.lights()
+
+    @cached_property
+    def other_lights(self):
+        """States of `scene.other_lights` now."""
+        return self._step.other_lights()
 
     @cached_property
     def history(self):

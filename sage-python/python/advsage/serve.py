@@ -4,22 +4,17 @@
 """
 
 import importlib
-import os
 import sys
 
-from .sage_planner import serve
+from .sage_planner import keep_standard_output, serve
 
 
 def main(name: str) -> None:
     """Makes the planner and answers `sage` until it closes the input."""
     module, _, planner = name.rpartition(":")
     # What the module prints when it is imported is no answer.
-    answers = os.dup(1)
-    os.dup2(2, 1)
-    made = getattr(importlib.import_module(module), planner)()
-    os.dup2(answers, 1)
-    os.close(answers)
-    serve(made, observation=True)
+    keep_standard_output()
+    serve(getattr(importlib.import_module(module), planner)(), observation=True)
 
 
 if __name__ == "__main__":

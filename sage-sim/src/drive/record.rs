@@ -1,7 +1,7 @@
 //! The record of a drive.
 
 use sage_core::{
-    geometry::{OrientedBox, Point},
+    geometry::{OrientedBox, Point, distance},
     scene::Map,
 };
 
@@ -61,6 +61,23 @@ impl Drive {
     /// A drive of which only the motions are known.
     pub fn of_motions(motions: Vec<Motion>) -> Self {
         Self { motions, ..Self::default() }
+    }
+
+    /// Distance of the car from where its newest plan has it, metres, for each step that a plan has a row for; up to a step.
+    pub fn distances_to_plan(&self, until: usize) -> Vec<f64> {
+        let mut distances = Vec::new();
+        for (k, shown) in self.shown.iter().enumerate() {
+            let next = self.shown.get(k + 1).map_or(usize::MAX, |next| next.step);
+            let rows = shown.plan.iter().enumerate().skip(1);
+            // The plan holds where the car is at the step itself.
+            let due = rows
+                .map(|(row, point)| (shown.step + row, point))
+                .take_while(|(step, _)| *step <= next.min(until));
+            distances.extend(due.filter_map(|(step, point)| {
+                self.motions.get(step).map(|motion| distance(motion.position, *point))
+            }));
+        }
+        distances
     }
 
     /// The car's box at the end of the step of a contact.

@@ -5,14 +5,15 @@
 
 mod answer;
 mod follow;
+mod told_map;
 mod told_scene;
 mod told_step;
 
 pub use answer::{Answer, PlannedPose};
 pub(super) use answer::{EXPECTED, error_of, shortened};
 pub use follow::Follower;
-pub use told_scene::{ToldScene, ToldVehicle};
-pub use told_step::{ToldAgent, ToldStep};
+pub use told_scene::{Asks, ToldLight, ToldScene, ToldVehicle};
+pub use told_step::{StepBefore, ToldAgent, ToldStep};
 
 /// Distance from the route within which the map is told by default, metres.
 pub const RADIUS: f64 = 50.0;

@@ -7,6 +7,8 @@
 //! It is another process because it may have another language, licence or version of its libraries, and may crash. Lines of
 //! JSON cost 0.1 ms a step. Its state cannot be copied, so copying a drive may fail.
 
+#[cfg(target_os = "linux")]
+mod computing;
 mod lines;
 mod log;
 mod messages;
@@ -22,8 +24,8 @@ use sage_core::{geometry::Point, registry::Entry};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Driver, EgoPolicy, Shown, Start, View,
-    planner::{AGENTS, Answer, Follower, RADIUS, ToldScene, ToldStep, shortened},
+    Driver, EgoPolicy, OtherWay, Shown, Start, View,
+    planner::{AGENTS, Answer, Asks, Follower, RADIUS, StepBefore, ToldScene, ToldStep, shortened},
 };
 use crate::{Error, error::PlannerLog, world::Control};
 use lines::Greeting;
@@ -46,22 +48,34 @@ const MOST_LATE: usize = 100;
 pub struct ProcessOptions {
     /// Program and arguments; no shell reads them.
     pub command: Vec<String>,
-    /// Time to answer the first message of a program, that of a drive, and that of a step, s.
+    /// Time to answer the first message of a program, that of a drive, and that of a step, s of computing; ten times as long in
+    /// all.
     pub timeouts: [f64; 3],
     /// Distance from the route within which the map is told, metres.
     pub radius: f64,
     /// Most road users in a step: the nearest ones.
     pub agents: usize,
+    /// How it follows its plans, of the ways that it offers; `None` for the first.
+    pub follow: Option<String>,
 }
 
 impl Default for ProcessOptions {
     fn default() -> Self {
-        Self { command: Vec::new(), timeouts: [60.0, 20.0, 5.0], radius: RADIUS, agents: AGENTS }
+        Self {
+            command: Vec::new(),
+            timeouts: [60.0, 20.0, 5.0],
+            radius: RADIUS,
+            agents: AGENTS,
+            follow: None,
+        }
     }
 }
 
 /// The policy `process`.
-pub struct Process(Arc<Shared>);
+pub struct Process {
+    shared: Arc<Shared>,
+    follow: Option<String>,
+}
 
 /// What all drives of a policy share.
 struct Shared {
@@ -85,7 +99,7 @@ struct State {
 struct Planner {
     program: Program,
     log: Log,
-    wants_observation: bool,
+    greeting: Greeting,
 }
 
 impl Entry<dyn EgoPolicy> for Process {
@@ -95,7 +109,7 @@ impl Entry<dyn EgoPolicy> for Process {
     type Options = ProcessOptions;
 
     fn build(options: ProcessOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        let ProcessOptions { command, timeouts, radius, agents } = options;
+        let ProcessOptions { command, timeouts, radius, agents, follow } = options;
         if command.first().is_none_or(String::is_empty) {
             return Err(
                 "`command` is empty; write cmd:COMMAND, such as 'cmd:python3 my_planner.py'".to_owned()
@@ -108,16 +122,35 @@ impl Entry<dyn EgoPolicy> for Process {
             return Err(format!("`radius` is {radius}; expected metres from 0 to {FARTHEST_MAP}"));
         }
         let limits = timeouts.map(Duration::from_secs_f64);
-        Ok(Box::new(Self(Arc::new(Shared { command, limits, radius, agents, state: Mutex::default() }))))
+        let shared = Shared { command, limits, radius, agents, state: Mutex::default() };
+        Ok(Box::new(Self { shared: shared.into(), follow }))
     }
 }
 
 impl EgoPolicy for Process {
     fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
-        let planner = self.0.planner(start.scene_id())?;
+        let planner = self.shared.planner(start.scene_id())?;
+        let follows = &planner.greeting.follows;
+        let unknown = self.follow.as_ref().filter(|follow| !follows.contains(follow));
+        if let Some(unknown) = unknown {
+            let offered = if follows.is_empty() { "none".to_owned() } else { follows.join(", ") };
+            let command = self.shared.command.join(" ");
+            let problem = format!(
+                "the planner `{command}` does not offer to follow by `{unknown}`; it offers {offered}"
+            );
+            self.shared.state().idle.push(planner);
+            return Err(start.error(problem));
+        }
+        let asks = Asks {
+            radius: self.shared.radius,
+            goal: planner.greeting.wants_goal,
+            follow: self.follow.as_ref().or(follows.first()).cloned(),
+        };
         let first_byte = planner.log.length();
         Ok(Box::new(ProcessDriver {
-            shared: self.0.clone(),
+            shared: self.shared.clone(),
+            asks,
+            before: StepBefore::default(),
             first_byte,
             planner: Some(planner),
             seed: start.seed(),
@@ -129,8 +162,21 @@ impl EgoPolicy for Process {
         }))
     }
 
+    fn other_ways(&self) -> Result<Vec<OtherWay>, Error> {
+        let planner = self.shared.planner("")?;
+        let follows = planner.greeting.follows.clone();
+        self.shared.state().idle.push(planner);
+        let own = self.follow.as_ref().or(follows.first());
+        let others = follows.iter().filter(|follow| Some(*follow) != own);
+        let way = |follow: &String| OtherWay {
+            name: follow.clone(),
+            policy: Box::new(Self { shared: self.shared.clone(), follow: Some(follow.clone()) }),
+        };
+        Ok(others.map(way).collect())
+    }
+
     fn write_logs_to(&self, folder: &Path) {
-        self.0.state().folder = Some(folder.to_owned());
+        self.shared.state().folder = Some(folder.to_owned());
     }
 }
 
@@ -160,6 +206,7 @@ impl Shared {
         let fail = |problem: String, log: PlannerLog| Error::Planner {
             scene: scene.to_owned(),
             step: None,
+            is_late: false,
             problem: format!("the planner `{}` {problem}", self.command.join(" ")),
             log,
             drive: None,
@@ -176,7 +223,7 @@ impl Shared {
         log.limit();
         let since = log.length();
         match self.started(&log) {
-            Ok((program, Greeting { wants_observation })) => Ok(Planner { program, log, wants_observation }),
+            Ok((program, greeting)) => Ok(Planner { program, log, greeting }),
             Err(problem) => {
                 let error = fail(problem, PlannerLog::of(log.path(), log.last_lines(since)));
                 log.limit();
@@ -266,6 +313,8 @@ fn asked_to_reset(
 /// A drive of a planner.
 struct ProcessDriver {
     shared: Arc<Shared>,
+    asks: Asks,
+    before: StepBefore,
     /// Taken when it fails.
     planner: Option<Planner>,
     /// Length of the log at the start of the drive, bytes.
@@ -282,17 +331,9 @@ struct ProcessDriver {
 
 impl Driver for ProcessDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        if let Some(action) = self.follower.kept_action(view) {
-            return Ok(Control::Drive(action));
-        }
-        match self.answer(view) {
-            Ok(answer) => {
-                let (action, positions) = self.follower.follow(view, answer);
-                self.show(view.step(), positions);
-                Ok(Control::Drive(action))
-            }
-            Err(problem) => Err(self.failed(view, problem)),
-        }
+        let control = self.next(view).map_err(|problem| self.failed(view, problem))?;
+        self.before = StepBefore::of(view, &control);
+        Ok(control)
     }
 
     fn shown(&mut self) -> Option<Shown> {
@@ -314,24 +355,35 @@ impl Driver for ProcessDriver {
 }
 
 impl ProcessDriver {
+    /// The control of the next step.
+    fn next(&mut self, view: &View) -> Result<Control, String> {
+        if let Some(control) = self.follower.kept(view)? {
+            return Ok(control);
+        }
+        let answer = self.answer(view)?;
+        let (control, positions) = self.follower.follow(view, answer)?;
+        self.show(view.step(), positions);
+        Ok(control)
+    }
+
     /// What the planner answers to the next step.
     fn answer(&mut self, view: &View) -> Result<Answer, String> {
         let [_, reset, step] = self.shared.limits;
         let planner = self.planner.as_mut().ok_or("it failed before")?;
         if !self.is_reset {
-            let told = ToldScene::new(view, self.seed, self.shared.radius);
+            let told = ToldScene::new(view, self.seed, self.asks.clone());
             let log = Watched { log: &planner.log, since: self.first_byte };
             asked_to_reset(&mut planner.program, &messages::line("reset", &told), reset, log)?;
             self.is_reset = true;
         }
-        let observation = match (planner.wants_observation, view.observation()) {
+        let observation = match (planner.greeting.wants_observation, view.observation()) {
             (true, Some(numbers)) => Some(numbers),
             (true, None) => {
                 return Err("it asks for the observation, which an adversary does not have".to_owned());
             }
             (false, _) => None,
         };
-        let told = ToldStep::new(view, self.shared.agents);
+        let told = ToldStep::new(view, self.shared.agents, &self.before);
         let message = messages::line("step", &told.message(view.scene().scene(), observation));
         let log = Watched { log: &planner.log, since: self.first_byte };
         let understood = |line: &[u8]| lines::step(line, told.t, view.car());
@@ -346,7 +398,7 @@ impl ProcessDriver {
         let Some(planner) = self.planner.as_mut().filter(|_| self.is_reset && self.counts) else {
             return Ok(());
         };
-        let told = ToldScene::new(view, self.seed, self.shared.radius);
+        let told = ToldScene::new(view, self.seed, self.asks.clone());
         let log = Watched { log: &planner.log, since: self.first_byte };
         let limit = self.shared.limits[1];
         asked(&mut planner.program, &messages::line("reset", &told), limit, log, |line| {
@@ -368,8 +420,12 @@ impl ProcessDriver {
 
     /// The error of a failed planner, which is killed.
     fn failed(&mut self, view: &View, problem: String) -> Error {
-        let mut log = PlannerLog::default();
+        let (mut log, mut is_late) = (PlannerLog::default(), false);
         if let Some(Planner { program, log: own, .. }) = self.planner.take() {
+            is_late = program.is_late();
+            if is_late {
+                own.note(b"sage: no answer in time; the program is ended, and the drive begun once more");
+            }
             drop(program);
             log = PlannerLog::of(own.path(), own.last_lines(self.first_byte));
             own.limit();
@@ -378,6 +434,7 @@ impl ProcessDriver {
         Error::Planner {
             scene: view.scene().scene().id.clone(),
             step: Some(view.step()),
+            is_late,
             problem: format!("the planner `{}` failed: {problem}", self.shared.command.join(" ")),
             log,
             drive: None,

@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Driver, EgoPolicy, Knowledge, Shown, Start, View};
+use super::{Driver, EgoPolicy, Knowledge, OtherWay, Shown, Start, View};
 use crate::{Error, observation::ObservationKind, world::Control};
 
 /// Bins of times in a doubling: each is 4 % wide.
@@ -93,6 +93,10 @@ impl EgoPolicy for Timed<'_> {
 
     fn observes(&self) -> ObservationKind {
         self.policy.observes()
+    }
+
+    fn other_ways(&self) -> Result<Vec<OtherWay>, Error> {
+        self.policy.other_ways()
     }
 
     fn write_logs_to(&self, folder: &Path) {

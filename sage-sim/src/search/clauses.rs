@@ -1,4 +1,4 @@
-//! What makes a driven plan a failure of the driver: four clauses, each on the attacked drive.
+//! What makes a driven plan a failure of the driver: clauses, each on the attacked drive; four by default.
 
 use std::{fmt, str::FromStr};
 
@@ -18,6 +18,9 @@ pub enum Clause {
     Avoidable,
     /// A reference driver, which does not know the plan, prevents the contact.
     Preventable,
+    /// It is a failure by the other clauses in every variant of the drive: each way of following that the driver offers, and small
+    /// changes of the start.
+    Holds,
     /// [`Clause::Believable`] by its definition before, which searches may ask: without turns and the time across lanes.
     #[serde(rename = "believable-1")]
     Believable1,
@@ -35,6 +38,7 @@ impl Clause {
             Self::AtFault => "at-fault",
             Self::Avoidable => "avoidable",
             Self::Preventable => "preventable",
+            Self::Holds => "holds",
             Self::Believable1 => "believable-1",
         }
     }
@@ -67,13 +71,14 @@ impl fmt::Display for Clause {
 pub struct Requirement([bool; NAMED.len()]);
 
 /// All clauses that can be named, in the order in which they are asked.
-const NAMED: [Clause; 6] = [
+const NAMED: [Clause; 7] = [
     Clause::Attack,
     Clause::Believable1,
     Clause::Believable,
     Clause::AtFault,
     Clause::Avoidable,
     Clause::Preventable,
+    Clause::Holds,
 ];
 
 impl Default for Requirement {
@@ -92,6 +97,12 @@ impl Requirement {
     /// Whether it names a clause.
     pub fn holds(self, clause: Clause) -> bool {
         NAMED.iter().zip(self.0).any(|(named, holds)| *named == clause && holds)
+    }
+
+    /// The same without [`Clause::Holds`], which is asked of the variants of a drive.
+    #[must_use]
+    pub fn without_holds(self) -> Self {
+        Self::of(&self.clauses().filter(|clause| *clause != Clause::Holds).collect::<Vec<_>>())
     }
 
     /// Its clauses in their order.
@@ -151,6 +162,9 @@ pub struct Clauses {
     /// [`Clause::Preventable`].
     #[serde(default)]
     pub preventable: Option<bool>,
+    /// [`Clause::Holds`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holds: Option<bool>,
     /// [`Clause::Believable1`].
     #[serde(default, rename = "believable-1", skip_serializing_if = "Option::is_none")]
     pub believable_1: Option<bool>,
@@ -165,6 +179,7 @@ impl Clauses {
             Clause::AtFault => self.at_fault == Some(true),
             Clause::Avoidable => self.avoidable == Some(true),
             Clause::Preventable => self.preventable == Some(true),
+            Clause::Holds => self.holds == Some(true),
             Clause::Believable1 => self.believable_1 == Some(true),
         }
     }
@@ -207,13 +222,15 @@ pub enum Reason {
     NotShownAvoidable,
     /// No reference driver prevents the contact in any of the attacks that meet the other clauses.
     NotPreventable,
+    /// Failures by the other clauses, but none in every variant of the drive.
+    NotInEveryVariant,
     /// The budget ended before the plans did.
     Budget,
 }
 
 impl Reason {
     /// All reasons.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Error,
         Self::NoFeasiblePlan,
         Self::NeverHit,
@@ -222,6 +239,7 @@ impl Reason {
         Self::NotAtFault,
         Self::NotShownAvoidable,
         Self::NotPreventable,
+        Self::NotInEveryVariant,
         Self::Budget,
     ];
 
@@ -233,6 +251,7 @@ impl Reason {
             Clause::AtFault => Self::NotAtFault,
             Clause::Avoidable => Self::NotShownAvoidable,
             Clause::Preventable => Self::NotPreventable,
+            Clause::Holds => Self::NotInEveryVariant,
         }
     }
 
@@ -247,6 +266,7 @@ impl Reason {
             Self::NotAtFault => "no believable attack at fault",
             Self::NotShownAvoidable => "no evasive manoeuvre was found",
             Self::NotPreventable => "no reference driver prevents the contact",
+            Self::NotInEveryVariant => "no failure holds in every variant of the drive",
             Self::Budget => "the budget ended before the plans did",
         }
     }
@@ -266,7 +286,7 @@ mod tests {
         let error = "solid".parse::<Requirement>().unwrap_err();
         assert_eq!(
             error,
-            "`solid` is no clause; known: attack, believable-1, believable, at-fault, avoidable, preventable"
+            "`solid` is no clause; known: attack, believable-1, believable, at-fault, avoidable, preventable, holds"
         );
     }
 

@@ -11,7 +11,8 @@ use sage_core::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Circumstances, Clause, Clauses, Met, PoolPlan, Reason, Requirement, SearchOptions, onset::onset,
+    Circumstances, Clause, Clauses, Met, PoolPlan, Reason, Requirement, SearchOptions, Variation,
+    holds::Variants, onset::onset,
 };
 use crate::{
     Error,
@@ -45,6 +46,9 @@ pub struct Evaluated {
     /// The reference drivers that were asked whether the contact is preventable.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<Answer>,
+    /// What becomes of the failure in each variant of the drive, if that was asked.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub variations: Vec<Variation>,
     /// What went wrong, if the driver gave an error.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
@@ -62,6 +66,7 @@ impl Evaluated {
             human_time: None,
             latest_start_r157: None,
             references: Vec::new(),
+            variations: Vec::new(),
             error: Some(error),
         }
     }
@@ -93,6 +98,8 @@ pub(super) struct Evaluator<'t> {
     search: AvoidanceOptions,
     /// The reference drivers, once they are asked.
     watching: OnceCell<Watching<'t>>,
+    /// The variants of the drive, once they are asked.
+    variants: OnceCell<Variants>,
 }
 
 impl<'t> Evaluator<'t> {
@@ -103,8 +110,8 @@ impl<'t> Evaluator<'t> {
         requirement: Requirement,
         search: AvoidanceOptions,
     ) -> Self {
-        let watching = OnceCell::new();
-        Self { test, ctx, until_now: test.until_now(), requirement, search, watching }
+        let (watching, variants) = (OnceCell::new(), OnceCell::new());
+        Self { test, ctx, until_now: test.until_now(), requirement, search, watching, variants }
     }
 
     /// Drives against a plan.
@@ -146,6 +153,7 @@ impl<'t> Evaluator<'t> {
             human_time: None,
             latest_start_r157: None,
             references: Vec::new(),
+            variations: Vec::new(),
             error: None,
         };
         let Some(step) = evaluated.contact.as_ref().map(|met| met.step as usize) else {
@@ -160,7 +168,8 @@ impl<'t> Evaluator<'t> {
         evaluated.clauses.believable_1 = Some(believable_1);
         evaluated.clauses.believable = Some(believable_1 && drives_believably(&situation));
         evaluated.clauses.at_fault = Some(outcome.verdict.at_fault);
-        let is_dear = |clause: &Clause| matches!(clause, Clause::Avoidable | Clause::Preventable);
+        let is_dear =
+            |clause: &Clause| matches!(clause, Clause::Avoidable | Clause::Preventable | Clause::Holds);
         let mut others = self.requirement.clauses().filter(|clause| !is_dear(clause));
         if !others.all(|clause| evaluated.clauses.holds(clause)) {
             return Ok(evaluated);
@@ -181,7 +190,25 @@ impl<'t> Evaluator<'t> {
             evaluated.clauses.preventable = Some(prevention.by().is_some());
             evaluated.references = prevention.answers;
         }
+        if self.requirement.holds(Clause::Holds) && evaluated.clauses.meet(self.requirement.without_holds()) {
+            let options = SearchOptions {
+                require: self.requirement,
+                avoidable: self.search,
+                ..SearchOptions::default()
+            };
+            evaluated.variations = self.variants()?.of(self.test, plan, &options);
+            let holds = evaluated.variations.iter().all(|variation| variation.missing.is_none());
+            evaluated.clauses.holds = Some(holds);
+        }
         Ok(evaluated)
+    }
+
+    fn variants(&self) -> Result<&Variants, Error> {
+        if let Some(variants) = self.variants.get() {
+            return Ok(variants);
+        }
+        let variants = Variants::new(self.test)?;
+        Ok(self.variants.get_or_init(|| variants))
     }
 
     fn watching(&self) -> Result<&Watching<'t>, Error> {

@@ -19,6 +19,14 @@ pub enum Control {
         /// Velocity, m/s; `None` for the motion since the last pose.
         velocity: Option<Point>,
     },
+    /// The same with its velocity, for a car that follows a plan without error: contacts end its drive as that of a car which is
+    /// driven.
+    Follow {
+        /// The pose.
+        pose: Pose,
+        /// Velocity, m/s.
+        velocity: Point,
+    },
 }
 
 impl Control {
@@ -27,6 +35,7 @@ impl Control {
         match *self {
             Self::Drive(Action { steer, throttle }) => (!(steer.is_finite() && throttle.is_finite()))
                 .then(|| format!("the action is [{steer}, {throttle}]; expected finite numbers")),
+            Self::Follow { pose, velocity } => Self::Pose { pose, velocity: Some(velocity) }.problem(),
             Self::Pose { pose: Pose { position: [x, y], heading }, velocity } => {
                 let [vx, vy] = velocity.unwrap_or_default();
                 let is_far = |v: &f64| !(v.abs() <= MAX_COORDINATE);

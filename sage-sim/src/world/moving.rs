@@ -95,6 +95,7 @@ impl World {
                 }
             }
             Control::Pose { pose, velocity } => driven.motion = posed(&start, pose, velocity),
+            Control::Follow { pose, velocity } => driven.motion = posed(&start, pose, Some(velocity)),
         }
         let motion = driven.motion;
         let [length, width] = [2.0 * driven.body.area.half_length, 2.0 * driven.body.area.half_width];

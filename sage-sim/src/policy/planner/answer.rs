@@ -20,6 +20,8 @@ pub enum Answer {
         poses: Vec<PlannedPose>,
         /// Number of steps until the planner is asked again.
         again: usize,
+        /// Whether the poses are taken as they are, without a tracker.
+        is_exact: bool,
     },
 }
 
@@ -59,8 +61,14 @@ impl Answer {
         if again > 1 && !kinds[0] {
             return Err("`again` is for plans; a control counts for one step".to_owned());
         }
+        if is_given("follow") && !kinds[0] {
+            return Err("`follow` is for plans; a control is carried out as it is".to_owned());
+        }
         match kinds {
-            [true, ..] => Ok(Self::Plan { poses: plan(&object["plan"])?, again }),
+            [true, ..] => {
+                let (poses, is_exact) = (plan(&object["plan"])?, is_exact(object)?);
+                Ok(Self::Plan { poses, again, is_exact })
+            }
             [_, true, _] => {
                 let (steer, throttle) = (number(object, "steer")?, number(object, "throttle")?);
                 Ok(Self::Control(Action { steer, throttle }.limited()))
@@ -103,6 +111,17 @@ fn again(object: &Map<String, Value>) -> Result<usize, String> {
         let found = shortened(value.to_string().as_bytes());
         format!("`again` is {found}; expected a number of steps from 1 to {MOST_POSES}")
     })
+}
+
+fn is_exact(object: &Map<String, Value>) -> Result<bool, String> {
+    match object.get("follow") {
+        None => Ok(false),
+        Some(Value::String(how)) if how == "exact" || how == "tracked" => Ok(how == "exact"),
+        Some(other) => {
+            let found = shortened(other.to_string().as_bytes());
+            Err(format!("`follow` is {found}; expected \"tracked\" or \"exact\""))
+        }
+    }
 }
 
 fn plan(value: &Value) -> Result<Vec<PlannedPose>, String> {

@@ -1,10 +1,10 @@
-//! How a plan is driven: by the tracker and the bicycle of `pdm`.
+//! How a plan is driven: by the tracker and the bicycle of `pdm`, or exactly, pose by pose.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use sage_core::{
     geometry::{Point, dot, norm, sub, wrap_angle},
-    motion::DT,
+    motion::{DT, Pose},
 };
 
 use super::answer::{Answer, PlannedPose};
@@ -13,7 +13,8 @@ use crate::{
         View,
         pdm::tracker::{Bicycle, Driven, Reference, track},
     },
-    vehicle::Action,
+    vehicle::{Action, GRAVITY, Vehicle},
+    world::Control,
 };
 
 /// Distance of two positions below which they give no heading, metres.
@@ -32,20 +33,24 @@ impl Follower {
         self.plan.as_ref().is_none_or(|plan| !plan.is_kept())
     }
 
-    /// The action of a step at which the planner is not asked; `None` if it is.
-    pub fn kept_action(&mut self, view: &View) -> Option<Action> {
-        let plan = self.plan.as_mut().filter(|plan| plan.is_kept())?;
-        Some(plan.next(view, &mut self.memory))
+    /// The control of a step at which the planner is not asked; `None` if it is.
+    ///
+    /// *Errors*: in words, a pose of a plan that is followed exactly is beyond the limits of the car.
+    pub fn kept(&mut self, view: &View) -> Result<Option<Control>, String> {
+        let plan = self.plan.as_mut().filter(|plan| plan.is_kept());
+        plan.map(|plan| plan.next(view, &mut self.memory)).transpose()
     }
 
-    /// The action of a step at which the planner answers, and the positions of its plan in the world, the present one first;
+    /// The control of a step at which the planner answers, and the positions of its plan in the world, the present one first;
     /// none for a control.
-    pub fn follow(&mut self, view: &View, answer: Answer) -> (Action, Vec<Point>) {
+    ///
+    /// *Errors*: as [`Follower::kept`].
+    pub fn follow(&mut self, view: &View, answer: Answer) -> Result<(Control, Vec<Point>), String> {
         match answer {
-            Answer::Control(action) => (action, Vec::new()),
-            Answer::Plan { poses, again } => {
-                let plan = self.plan.insert(Followed::new(view, &poses, again));
-                (plan.next(view, &mut self.memory), plan.centers.clone())
+            Answer::Control(action) => Ok((Control::Drive(action), Vec::new())),
+            Answer::Plan { poses, again, is_exact } => {
+                let plan = self.plan.insert(Followed::new(view, &poses, again, is_exact));
+                Ok((plan.next(view, &mut self.memory)?, plan.centers.clone()))
             }
         }
     }
@@ -61,6 +66,8 @@ struct Followed {
     step: usize,
     /// Steps that it is followed for.
     again: usize,
+    /// Heading and speed at each step, if it is followed exactly.
+    exact: Option<Vec<(f64, Option<f64>)>>,
 }
 
 /// What a car remembers from step to step while it follows plans.
@@ -74,11 +81,15 @@ struct Memory {
 
 impl Followed {
     /// A plan that begins at the present pose.
-    fn new(view: &View, poses: &[PlannedPose], again: usize) -> Self {
+    fn new(view: &View, poses: &[PlannedPose], again: usize, is_exact: bool) -> Self {
         let motion = view.motion();
         let centers = centers(motion.position, motion.heading, poses);
         let references = references(&centers, motion.heading, view.car().rear, poses);
-        Self { references, centers, step: 0, again }
+        let exact = is_exact.then(|| {
+            let headings = headings(&centers, motion.heading, poses).into_iter().skip(1);
+            headings.zip(poses).map(|(heading, pose)| (heading, pose.speed)).collect()
+        });
+        Self { references, centers, step: 0, again, exact }
     }
 
     /// Whether the planner need not be asked.
@@ -86,8 +97,24 @@ impl Followed {
         self.step < self.again
     }
 
-    /// The command of the next step.
-    fn next(&mut self, view: &View, memory: &mut Memory) -> Action {
+    /// The control of the next step.
+    fn next(&mut self, view: &View, memory: &mut Memory) -> Result<Control, String> {
+        match &self.exact {
+            Some(poses) => {
+                // Behind its end a plan stands.
+                let k = self.step.min(poses.len() - 1);
+                let is_over = self.step > k;
+                self.step += 1;
+                let (heading, speed) = poses[k];
+                let speed = if is_over { Some(0.0) } else { speed };
+                posed(view, Pose { position: self.centers[k + 1], heading }, speed)
+            }
+            None => Ok(Control::Drive(self.tracked(view, memory))),
+        }
+    }
+
+    /// The action of the tracker.
+    fn tracked(&mut self, view: &View, memory: &mut Memory) -> Action {
         let car = view.car();
         let bicycle = Bicycle { wheelbase: car.front + car.rear, max_steering: car.max_steering };
         let state = memory.state(view);
@@ -96,6 +123,77 @@ impl Followed {
         self.step += 1;
         *memory = Memory { steering: after.steering, speed: Some(state.speed) };
         Action { steer: after.steering / car.max_steering, throttle: car.throttle_for(command.acceleration) }
+    }
+}
+
+/// The control that sets the car to a pose, with a speed along its heading, or that of the way there.
+///
+/// *Errors*: in words, the car cannot get there in a step.
+fn posed(view: &View, pose: Pose, speed: Option<f64>) -> Result<Control, String> {
+    let (motion, car) = (view.motion(), view.car());
+    let (sin, cos) = pose.heading.sin_cos();
+    let moved = sub(pose.position, motion.position);
+    let turned = wrap_angle(pose.heading - motion.heading);
+    let (middle_sin, middle_cos) = (motion.heading + 0.5 * turned).sin_cos();
+    let [along, aside] = [[middle_cos, middle_sin], [-middle_sin, middle_cos]].map(|axis| dot(axis, moved));
+    let now = motion.body_velocity()[0];
+    let limits = Limits::of(car);
+    let values = [
+        (
+            "speed along the way there",
+            along / DT,
+            [now - limits.braking * DT, now + limits.throttle * DT],
+            "m/s",
+        ),
+        (
+            "yaw rate",
+            turned / DT,
+            [-1.0, 1.0].map(|side| side * limits.yaw_rate(now.max(along / DT))),
+            "rad/s",
+        ),
+        ("way sideways", aside, [-ASIDE, ASIDE], "m"),
+    ];
+    for (name, value, [low, high], unit) in values {
+        if !(low..=high).contains(&value) {
+            return Err(format!(
+                "the pose that is due is beyond the car: {name} {value:.2} {unit}; from where it is expected {low:.2} to {high:.2}; \"follow\": \"tracked\" takes any plan"
+            ));
+        }
+    }
+    let speed = speed.unwrap_or(along / DT);
+    Ok(Control::Follow { pose, velocity: [speed * cos, speed * sin] })
+}
+
+/// What a car can do in a step that follows a plan exactly, with some room for rounded poses.
+struct Limits {
+    /// m/s².
+    throttle: f64,
+    braking: f64,
+    /// 1/m.
+    curvature: f64,
+    /// m/s².
+    lateral: f64,
+}
+
+/// Room for rounded poses: acceleration, m/s²; sideways in a step, metres; yaw rate, rad/s.
+const ROOM: f64 = 1.0;
+const ASIDE: f64 = 0.2;
+const ROOM_TO_TURN: f64 = 0.1;
+
+impl Limits {
+    fn of(car: &Vehicle) -> Self {
+        Self {
+            throttle: car.full_throttle() + ROOM,
+            braking: car.full_brake(),
+            curvature: car.max_steering.tan() / (car.front + car.rear),
+            lateral: car.friction * GRAVITY,
+        }
+    }
+
+    /// Largest yaw rate at a speed, by the wheels and by the tyres, rad/s.
+    fn yaw_rate(&self, speed: f64) -> f64 {
+        let speed = speed.max(0.0);
+        ROOM_TO_TURN + (speed * self.curvature).min(self.lateral / speed.max(f64::MIN_POSITIVE))
     }
 }
 

@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use sage_core::{
-    geometry::{Aabb, Point},
-    scene::{Map, MapFeature},
-};
-use serde::{Serialize, Serializer, ser::SerializeSeq};
+use sage_core::{geometry::Point, scene::TrafficLight};
+use serde::{Serialize, Serializer};
 
-use super::{all_rounded, rounded};
-use crate::{policy::View, route::Route, route_lights::RouteLights, scene::SimScene, vehicle::Vehicle};
+use super::{RADIUS, all_rounded, rounded, told_map::Features};
+use crate::{
+    policy::View, route::Route, route_lanes::route_lanes, route_lights::RouteLights, scene::SimScene,
+    vehicle::Vehicle,
+};
 
 /// What a planner is told at the start of a drive. It owns what it needs. Numbers are rounded to a billionth.
 ///
@@ -19,8 +19,26 @@ pub struct ToldScene {
     route: Route,
     lights: Arc<RouteLights>,
     vehicle: ToldVehicle,
+    recorded_length: f64,
     seed: u64,
-    radius: f64,
+    asks: Asks,
+}
+
+/// What a planner asks for beyond what all are told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Asks {
+    /// Distance from the route within which the map is told, metres.
+    pub radius: f64,
+    /// Whether it is told where its recording ends.
+    pub goal: bool,
+    /// How the planner is to follow its plans, of the ways that it offers.
+    pub follow: Option<String>,
+}
+
+impl Default for Asks {
+    fn default() -> Self {
+        Self { radius: RADIUS, goal: false, follow: None }
+    }
 }
 
 /// The car that is driven.
@@ -64,15 +82,16 @@ impl ToldVehicle {
 }
 
 impl ToldScene {
-    /// What the planner of a car is told. `radius` is the distance from the route within which the map is told, metres.
-    pub fn new(view: &View, seed: u64, radius: f64) -> Self {
+    /// What the planner of a car is told.
+    pub fn new(view: &View, seed: u64, asks: Asks) -> Self {
         Self {
             scene: view.scene().clone(),
             route: view.route().clone(),
             lights: view.route_lights(),
             vehicle: ToldVehicle::of(view),
+            recorded_length: view.logged_route().length(),
             seed,
-            radius,
+            asks,
         }
     }
 
@@ -103,26 +122,53 @@ impl ToldScene {
 
     /// The features of the map near the route, which serialise as those of the protocol.
     pub fn map(&self) -> impl Serialize {
-        Features { map: self.scene.index().map(), route: &self.route, radius: self.radius }
+        Features { map: self.scene.index().map(), route: &self.route, radius: self.asks.radius }
     }
 
-    /// Lights on the route: lane, and where to stop along the route, metres.
-    pub fn lights(&self) -> impl Iterator<Item = (&str, f64)> {
+    /// Lights on the route.
+    pub fn lights(&self) -> Vec<ToldLight<'_>> {
+        let lights = &self.scene.scene().lights;
+        let stops = self.lights.stops().iter();
+        stops.map(|stop| ToldLight::of(&lights[stop.light], Some(rounded(stop.along)))).collect()
+    }
+
+    /// The other lights of the scene.
+    pub fn other_lights(&self) -> Vec<ToldLight<'_>> {
         let scene = self.scene.scene();
-        self.lights.stops().iter().map(|stop| (&*scene.lights[stop.light].lane, rounded(stop.along)))
+        self.lights.elsewhere(scene).map(|k| ToldLight::of(&scene.lights[k], None)).collect()
+    }
+
+    /// Identifiers of the lanes that the route follows, in their order.
+    pub fn route_lanes(&self) -> Vec<&str> {
+        let index = self.scene.index();
+        let lanes = route_lanes(&self.route, index).into_iter();
+        lanes.filter_map(|k| Some(&*index.map().features.get(k)?.id)).collect()
+    }
+
+    /// Where the recording ends: distance along the route, metres; `None` if the planner did not ask.
+    pub fn goal(&self) -> Option<f64> {
+        self.asks.goal.then_some(rounded(self.recorded_length))
+    }
+
+    /// How the planner is to follow its plans; `None` if it offers no ways.
+    pub fn follow(&self) -> Option<&str> {
+        self.asks.follow.as_deref()
     }
 }
 
 impl Serialize for ToldScene {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let lights = self.lights().map(|(lane, along)| Light { lane, along });
         let reset = Reset {
             scene: self.id(),
             seed: self.seed,
             route: self.route().collect(),
             ego: self.vehicle,
             map: self.map(),
-            lights: lights.collect(),
+            lights: self.lights(),
+            other_lights: self.other_lights(),
+            route_lanes: self.route_lanes(),
+            goal: self.goal(),
+            follow: self.follow(),
         };
         reset.serialize(serializer)
     }
@@ -135,84 +181,29 @@ struct Reset<'a, M: Serialize> {
     route: Vec<Point>,
     ego: ToldVehicle,
     map: M,
-    lights: Vec<Light<'a>>,
+    lights: Vec<ToldLight<'a>>,
+    other_lights: Vec<ToldLight<'a>>,
+    route_lanes: Vec<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    goal: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    follow: Option<&'a str>,
 }
 
-/// A light on the route.
-#[derive(Serialize)]
-struct Light<'a> {
-    lane: &'a str,
-    along: f64,
+/// A light.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ToldLight<'a> {
+    /// The lane that it controls.
+    pub lane: &'a str,
+    /// Where to stop along the route, metres, if it is on it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub along: Option<f64>,
+    /// Where the cars of its lane stop, metres; `None` if that is not recorded.
+    pub point: Option<Point>,
 }
 
-/// The features of a map that come near a route.
-struct Features<'a> {
-    map: &'a Map,
-    route: &'a Route,
-    radius: f64,
-}
-
-/// A feature of the map.
-#[derive(Serialize)]
-struct Feature<'a> {
-    id: &'a str,
-    #[serde(rename = "type")]
-    kind: &'a str,
-    points: Vec<[f64; 3]>,
-    #[serde(flatten)]
-    lane: Option<LaneLinks<'a>>,
-}
-
-/// What a lane adds to its points.
-#[derive(Serialize)]
-struct LaneLinks<'a> {
-    speed_limit: Option<f64>,
-    entries: Vec<&'a str>,
-    exits: Vec<&'a str>,
-    left: Vec<&'a str>,
-    right: Vec<&'a str>,
-}
-
-impl Serialize for Features<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let corners: Vec<Point> = self.route.points().collect();
-        let legs: Vec<Aabb> =
-            corners.windows(2).map(|leg| Aabb::of(leg.iter().copied()).grown(self.radius)).collect();
-        let mut seq = serializer.serialize_seq(None)?;
-        for feature in self.map.features.iter().filter(|feature| self.is_near(feature, &legs)) {
-            seq.serialize_element(&self.feature(feature))?;
-        }
-        seq.end()
-    }
-}
-
-impl<'a> Features<'a> {
-    /// Whether a segment of a feature, or its only point, comes closer than the radius along both axes.
-    fn is_near(&self, feature: &MapFeature, legs: &[Aabb]) -> bool {
-        let points = self.map.points_of(feature);
-        let meets = |part: &[[f64; 3]]| {
-            let part = Aabb::of(part.iter().map(|[x, y, _]| [*x, *y]));
-            legs.iter().any(|leg| leg.meets(&part))
-        };
-        meets(points) && (points.len() == 1 || points.windows(2).any(meets))
-    }
-
-    fn feature(&self, feature: &'a MapFeature) -> Feature<'a> {
-        let ids = |lanes: &[usize]| -> Vec<&'a str> {
-            lanes.iter().filter_map(|k| Some(&*self.map.features.get(*k)?.id)).collect()
-        };
-        let lane = feature.lane.as_ref().map(|lane| {
-            let [left, right] = lane.neighbors.each_ref().map(|side| side.iter().map(|n| n.lane).collect());
-            let [left, right]: [Vec<usize>; 2] = [left, right];
-            LaneLinks {
-                speed_limit: lane.speed_limit.map(rounded),
-                entries: ids(&lane.entries),
-                exits: ids(&lane.exits),
-                left: ids(&left),
-                right: ids(&right),
-            }
-        });
-        let points = self.map.points_of(feature).iter().map(|p| all_rounded(*p)).collect();
-        Feature { id: &feature.id, kind: feature.kind.name(), points, lane }
+impl<'a> ToldLight<'a> {
+    fn of(light: &'a TrafficLight, along: Option<f64>) -> Self {
+        Self { lane: &light.lane, along, point: light.stop_point.map(|[x, y, _]| all_rounded([x, y])) }
     }
 }

@@ -12,6 +12,7 @@ use crate::{
     body::{Body, BodyKind},
     observation::LENGTH,
     policy::View,
+    world::Control,
 };
 
 /// What a planner is told before a step, rounded to a billionth. The ids of road users and of the lights on the route are
@@ -28,10 +29,36 @@ pub struct ToldStep {
     pub velocity: Point,
     /// Its yaw rate, rad/s.
     pub yaw_rate: f64,
+    /// Its acceleration in the step before, along the way it points, m/s²; 0 at the start.
+    pub acceleration: f64,
+    /// Angle of its front wheels in the step before, rad, positive to the left.
+    pub steering_angle: f64,
     /// The nearest road users, the nearest first.
     pub agents: Vec<ToldAgent>,
     /// States of the lights on the route.
     pub lights: Vec<&'static str>,
+    /// States of the other lights of the scene.
+    pub other_lights: Vec<&'static str>,
+}
+
+/// What a car did in the step before.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepBefore {
+    /// Forward speed at its start, m/s; `None` before the first step.
+    pub speed: Option<f64>,
+    /// Angle of the front wheels, rad.
+    pub steering_angle: f64,
+}
+
+impl StepBefore {
+    /// The step that begins at a view, with the control that is given for it.
+    pub fn of(view: &View, control: &Control) -> Self {
+        let steering_angle = match control {
+            Control::Drive(action) => action.limited().steer * view.car().max_steering,
+            Control::Follow { .. } | Control::Pose { .. } => 0.0,
+        };
+        Self { speed: Some(view.motion().body_velocity()[0]), steering_angle }
+    }
 }
 
 /// A road user.
@@ -62,7 +89,7 @@ fn kind(body: &Body) -> &'static str {
 
 impl ToldStep {
     /// What is told of a view, with the nearest `most` road users.
-    pub fn new(view: &View, most: usize) -> Self {
+    pub fn new(view: &View, most: usize, before: &StepBefore) -> Self {
         let motion = view.motion();
         let distance = |body: &Body| norm(sub(body.area.center, motion.position));
         let mut near: Vec<(f64, &Body)> = view.others().map(|body| (distance(body), body)).collect();
@@ -76,14 +103,18 @@ impl ToldStep {
             heading: rounded(body.heading),
             velocity: all_rounded(body.velocity),
         });
+        let lights = view.route_lights();
         Self {
             t: rounded(view.step() as f64 * DT),
             position: all_rounded(motion.position),
             heading: rounded(motion.heading),
             velocity: all_rounded(motion.velocity),
             yaw_rate: rounded(motion.yaw_rate),
+            acceleration: rounded(before.speed.map_or(0.0, |speed| (motion.body_velocity()[0] - speed) / DT)),
+            steering_angle: rounded(before.steering_angle),
             agents: agents.collect(),
-            lights: view.route_lights().stops().iter().map(|stop| view.light(stop.light).word()).collect(),
+            lights: lights.stops().iter().map(|stop| view.light(stop.light).word()).collect(),
+            other_lights: lights.elsewhere(view.scene().scene()).map(|k| view.light(k).word()).collect(),
         }
     }
 
@@ -115,12 +146,15 @@ impl Serialize for Message<'_> {
             heading: step.heading,
             velocity: step.velocity,
             yaw_rate: step.yaw_rate,
+            acceleration: step.acceleration,
+            steering_angle: step.steering_angle,
         };
-        let mut message = serializer.serialize_struct("step", 5)?;
+        let mut message = serializer.serialize_struct("step", 6)?;
         message.serialize_field("t", &step.t)?;
         message.serialize_field("ego", &ego)?;
         message.serialize_field("agents", &step.agents.iter().map(agent).collect::<Vec<_>>())?;
         message.serialize_field("lights", &step.lights)?;
+        message.serialize_field("other_lights", &step.other_lights)?;
         if let Some(numbers) = observation {
             message.serialize_field("observation", &numbers[..])?;
         }
@@ -134,6 +168,8 @@ struct Ego {
     heading: f64,
     velocity: Point,
     yaw_rate: f64,
+    acceleration: f64,
+    steering_angle: f64,
 }
 
 #[derive(Serialize)]

@@ -12,11 +12,19 @@ use crate::{
 const SAME_TIME: f64 = 1e-6;
 
 /// What a planner says of itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Greeting {
     /// Whether it wants the numbers that learning drivers see.
     pub(super) wants_observation: bool,
+    /// Whether it wants to know where its recording ends.
+    pub(super) wants_goal: bool,
+    /// The ways of following its plans that it offers, the default first.
+    pub(super) follows: Vec<String>,
 }
+
+/// Most ways of following that a planner may offer, and their longest name.
+const MOST_WAYS: usize = 8;
+const LONGEST_WAY: usize = 40;
 
 /// Whether a line is an object of JSON.
 pub(super) fn is_object(line: &[u8]) -> bool {
@@ -53,17 +61,32 @@ pub(super) fn greeting(line: &[u8]) -> Result<Greeting, String> {
             return Err(format!("it answered `{}` without `hello`; expected {expected}", shortened(line)));
         }
     }
-    let wants_observation = match object.get("observation") {
-        None | Some(Value::Bool(false)) => false,
-        Some(Value::Bool(true)) => true,
+    let wants = |name: &str| match object.get(name) {
+        None | Some(Value::Bool(false)) => Ok(false),
+        Some(Value::Bool(true)) => Ok(true),
         Some(other) => {
-            return Err(format!(
-                "`observation` is {}; expected true or false",
-                shortened(other.to_string().as_bytes())
-            ));
+            let found = shortened(other.to_string().as_bytes());
+            Err(format!("`{name}` is {found}; expected true or false"))
         }
     };
-    Ok(Greeting { wants_observation })
+    Ok(Greeting {
+        wants_observation: wants("observation")?,
+        wants_goal: wants("goal")?,
+        follows: follows(object.get("follows"))?,
+    })
+}
+
+fn follows(value: Option<&Value>) -> Result<Vec<String>, String> {
+    let Some(value) = value else { return Ok(Vec::new()) };
+    let is_name = |name: &&str| (1..=LONGEST_WAY).contains(&name.len()) && !name.contains(char::is_control);
+    let names = value.as_array().filter(|ways| ways.len() <= MOST_WAYS);
+    let names: Option<Vec<&str>> =
+        names.and_then(|ways| ways.iter().map(|way| way.as_str().filter(is_name)).collect());
+    let is_once = |names: &Vec<&str>| (1..names.len()).all(|k| !names[..k].contains(&names[k]));
+    names.filter(is_once).map(|names| names.into_iter().map(str::to_owned).collect()).ok_or_else(|| {
+        let found = shortened(value.to_string().as_bytes());
+        format!("`follows` is {found}; expected a list of up to {MOST_WAYS} different short names")
+    })
 }
 
 /// The answer to `reset`.

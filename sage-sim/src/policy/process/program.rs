@@ -26,6 +26,8 @@ use crate::policy::planner::shortened;
 pub(super) const LONGEST_LINE: usize = 1 << 20;
 /// Bytes read at once.
 const CHUNK: usize = 1 << 16;
+/// How many times as long as its time to compute a program may take in all: a loaded machine lets it wait.
+const PATIENCE: u32 = 10;
 /// Time between two looks at whether the program still runs, while nothing comes from it.
 const LOOK: Duration = Duration::from_millis(50);
 /// Time that a program has to end by itself once its input ends.
@@ -57,6 +59,7 @@ pub(super) struct Program {
     output: Option<ChildStdout>,
     /// What was read and not yet given out.
     read: Vec<u8>,
+    is_late: bool,
 }
 
 /// Why there is no answer.
@@ -66,7 +69,7 @@ pub(super) enum Failure {
     Ended(String),
     /// The program closed its output and still runs.
     Closed,
-    /// Nothing came within the time.
+    /// Nothing came within so much time of computing, or [`PATIENCE`] times as much in all.
     Late(Duration),
     /// The line is longer than [`LONGEST_LINE`].
     TooLong,
@@ -84,7 +87,11 @@ impl std::fmt::Display for Failure {
             Self::Ended(status) => write!(f, "it ended ({status})"),
             Self::Closed => f.write_str("it closed its standard output"),
             Self::Late(limit) => {
-                write!(f, "no answer within {} s; --ego-timeout gives it more time", limit.as_secs_f64())
+                let (limit, all) = (limit.as_secs_f64(), (PATIENCE * *limit).as_secs_f64());
+                write!(
+                    f,
+                    "no answer within {limit} s of computing, or {all} s in all; --ego-timeout gives it more time"
+                )
             }
             Self::TooLong => write!(
                 f,
@@ -113,12 +120,13 @@ impl Program {
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::from(log.try_clone()?))
+            .env("SAGE_PLANNER", "1")
             .process_group(0)
             .spawn()?;
         RUNNING.lock().unwrap_or_else(PoisonError::into_inner).insert(child.id());
         let (input, output) = (child.stdin.take(), child.stdout.take());
         // From here on, an error drops the program, and so ends it.
-        let program = Self { child, input, output, read: Vec::new() };
+        let program = Self { child, input, output, read: Vec::new(), is_late: false };
         let (Some(input), Some(output)) = (&program.input, &program.output) else {
             return Err(std::io::Error::other("no pipe to it"));
         };
@@ -133,6 +141,7 @@ impl Program {
     /// *Errors*: why there is no answer. The program is of no use then.
     pub(super) fn ask(&mut self, line: &[u8], limit: Duration, log: Watched) -> Result<Vec<u8>, Failure> {
         let start = Instant::now();
+        let mut computed_before = None;
         let mut sent = 0;
         let mut seen = 0;
         loop {
@@ -154,8 +163,7 @@ impl Program {
             if self.read.len() > LONGEST_LINE {
                 return Err(Failure::TooLong);
             }
-            let left = limit.checked_sub(start.elapsed()).ok_or(Failure::Late(limit))?;
-            let ready = self.wait(!is_sent, left.min(LOOK))?;
+            let ready = self.wait(!is_sent, LOOK.min(limit))?;
             if ready.output {
                 if self.receive()? == 0 {
                     return Err(self.ended_or(Failure::Closed, limit));
@@ -164,8 +172,32 @@ impl Program {
                 sent += self.send(&line[sent..])?;
             } else if let Some(status) = self.status() {
                 return Err(Failure::Ended(status));
+            } else {
+                let computed = self.computed();
+                let before = *computed_before.get_or_insert(computed);
+                let elapsed = start.elapsed();
+                // Where the time of computing cannot be known, that in all counts.
+                let computing =
+                    computed.zip(before).map_or(elapsed, |(now, before)| now.saturating_sub(before));
+                if computing >= limit || elapsed >= PATIENCE * limit {
+                    self.is_late = true;
+                    return Err(Failure::Late(limit));
+                }
             }
         }
+    }
+
+    /// Whether an answer did not come in time.
+    pub(super) fn is_late(&self) -> bool {
+        self.is_late
+    }
+
+    /// Time that its group has computed since it started; `None` if the system does not say.
+    fn computed(&self) -> Option<Duration> {
+        #[cfg(target_os = "linux")]
+        return super::computing::of_group(self.child.id());
+        #[cfg(not(target_os = "linux"))]
+        None
     }
 
     /// What came besides the answer, which it must not. Asked after the answer is understood: a banner before it is told as

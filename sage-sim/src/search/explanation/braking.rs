@@ -14,12 +14,16 @@ pub(super) const ROUNDING: f64 = 0.05;
 /// Steps of a break within one braking, and before the contact: drivers act at 10 Hz.
 const BREAK: usize = 3;
 const LAST_BREAK: usize = 1;
+/// Steps before the contact within which a braking that was released is told.
+const RELEASED: usize = 20;
 
 /// Braking against the plan, seconds before the contact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Braking {
     /// When the driver begins to brake, by 1.5 m/s² or more, up to the contact; `None` if it does not.
     pub brakes_before_contact: Option<f64>,
+    /// When the driver released the brake, if it does not brake up to the contact and did within the last 2 s.
+    pub released_before_contact: Option<f64>,
     /// Largest deceleration of that braking, m/s².
     pub own_deceleration: Option<f64>,
     /// How far the adversary is from its recording at the last moment for full braking, metres; `None` if it is not recorded there, or if
@@ -42,12 +46,13 @@ impl Braking {
         self.adversary_off.is_some_and(|off| off < VISIBLE)
     }
 
-    /// Whether the driver brakes too late, too weakly or not, or whether braking alone is not enough.
+    /// Whether the driver brakes too late, too weakly, not up to the contact or not, or whether braking alone is not enough.
     pub fn class(&self) -> &'static str {
         match (self.time_to_brake, self.brakes_before_contact) {
             (None, _) if self.time_to_steer.is_some() => "only steering helps",
             (None, _) => "braking alone is not enough",
             (Some(_), _) if self.is_hindsight() => "would have to know the plan",
+            (Some(_), None) if self.released_before_contact.is_some() => "releases the brake",
             (Some(_), None) => "does not brake",
             (Some(time), Some(own)) if own < time - ROUNDING => "brakes too late",
             (Some(_), Some(_)) => "brakes too weakly",
@@ -66,15 +71,17 @@ impl Braking {
         let until = path.positions.iter().take(contact.saturating_sub(1)).copied();
         let points: Vec<_> = now.into_iter().chain(until).collect();
         let speeds: Vec<f64> = points.windows(2).map(|w| distance(w[0], w[1]) / DT).collect();
-        let tenth = |time: f64| (time * 10.0).round() / 10.0;
+        let before = |step: usize| ((contact - step) as f64 * DT * 10.0).round() / 10.0;
         let begin = last_braking(&speeds);
-        let hardest = |first: usize| {
-            let changes = speeds[first - 1..].windows(2).map(|w| (w[0] - w[1]) / DT);
+        let released = if begin.is_none() { last_release(&speeds) } else { None };
+        let hardest = |(first, last): (usize, usize)| {
+            let changes = speeds[first - 1..=last].windows(2).map(|w| (w[0] - w[1]) / DT);
             changes.fold(0.0, f64::max)
         };
         Self {
-            brakes_before_contact: begin.map(|first| tenth((contact - first) as f64 * DT)),
-            own_deceleration: begin.map(hardest),
+            brakes_before_contact: begin.map(before),
+            released_before_contact: released.map(|(_, last)| before(last)),
+            own_deceleration: begin.map(|first| (first, speeds.len() - 1)).or(released).map(hardest),
             adversary_off: avoidable
                 .latest_brake
                 .and_then(|time| off(contact.saturating_sub((time / DT).round() as usize))),
@@ -105,6 +112,13 @@ fn last_braking(speeds: &[f64]) -> Option<usize> {
     first.filter(|first| (*first..is_braking.len()).any(|k| brakes(k + 1))).map(|first| first + 1)
 }
 
+/// First and last step of a braking that ended within [`RELEASED`] steps before the end.
+fn last_release(speeds: &[f64]) -> Option<(usize, usize)> {
+    let earliest = speeds.len().saturating_sub(RELEASED).max(1);
+    let last = (earliest..speeds.len()).rfind(|k| (speeds[k - 1] - speeds[*k]) / DT >= BRAKES)?;
+    last_braking(&speeds[..=last]).map(|first| (first, last))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,6 +132,10 @@ mod tests {
         // A braking that ended a second before is another one.
         let early: Vec<f64> = (0..20).map(|k| 8.0 - 0.3 * f64::min(k as f64, 8.0)).collect();
         assert_eq!(last_braking(&early), None);
+        assert_eq!(last_release(&early), Some((1, 8)), "and is told as released");
+        assert_eq!(last_release(&[early, vec![5.6; 20]].concat()), None, "too long ago");
+        assert_eq!(last_release(&constant), None);
+        assert_eq!(last_release(&[]), None);
         let stops: Vec<f64> = (0..20).map(|k| (4.0 - 0.4 * k as f64).max(0.0)).collect();
         assert_eq!(last_braking(&stops), Some(1), "it stands because it braked");
         assert_eq!(last_braking(&[0.0; 20]), None, "it stood before");

@@ -4,7 +4,9 @@ use std::f64::consts::{FRAC_PI_4, PI};
 
 use sage_core::objective::CollisionType;
 
-use super::{Braking, Deviation, Driving, Explanation, Needed, NeededRoadUser, Shrunk, braking::ROUNDING};
+use super::{
+    Approach, Braking, Deviation, Driving, Explanation, Needed, NeededRoadUser, Shrunk, braking::ROUNDING,
+};
 use crate::search::{Reason, manoeuvre::Manoeuvre};
 
 /// Difference along the way from which a difference across it says nothing, metres.
@@ -38,7 +40,14 @@ impl Explanation {
             _ => {}
         }
         let noun = if self.length >= LONG { "long vehicle" } else { "car" };
-        let mut who = self.approach.map_or("the adversary".to_owned(), |approach| approach.words(noun));
+        let mut who = match (self.approach, self.collision) {
+            (None, _) => "the adversary".to_owned(),
+            // It has turned since.
+            (Some(Approach::Oncoming), Some(collision)) if collision != CollisionType::Oncoming => {
+                format!("the {noun} that was oncoming")
+            }
+            (Some(approach), _) => approach.words(noun),
+        };
         if let Some(deviation) = deviation {
             who += &format!(" ({:.1} m/s)", deviation.speed);
         }
@@ -54,7 +63,8 @@ impl Explanation {
             Some(CollisionType::RearEnded) => format!("is hit from behind by {who}"),
         };
         let mut sentences = vec![format!("After {after:.1} s {ego}, {}, {meets}.", does.join(" and "))];
-        sentences.extend(deviation.map(|deviation| format!("That {noun} {}.", differences(deviation))));
+        let differs = deviation.map_or("is not recorded up to there".to_owned(), differences);
+        sentences.push(format!("That {noun} {differs}."));
         sentences.push(self.braking.sentence());
         sentences.push(self.needed.sentence());
         sentences.extend(self.shrunk.as_ref().and_then(Shrunk::sentence));
@@ -109,15 +119,20 @@ fn differences(deviation: &Deviation) -> String {
             turned.abs() > recorded_turned.abs() && (later - turned).abs() < (later - recorded_turned).abs();
         let more = if is_sooner { ", and more later" } else { "" };
         parts.push(format!("turns {} (recorded: {} then{more})", angle(turned), angle(recorded_turned)));
+    } else if recorded_turned.abs() >= FRAC_PI_4 {
+        parts.push(format!("turns {} as recorded", angle(turned)));
     }
     let mut metres = Vec::new();
     let rounded = |x: f64| if x.abs() < FAR { format!("{:.1}", x.abs()) } else { format!("{:.0}", x.abs()) };
-    if along.abs() >= NEAR {
+    let diverges = (turned - recorded_turned).abs() >= FRAC_PI_4;
+    if diverges {
+        // The recorded direction is not its own any more.
+        parts.push(format!("is {} m from where it was recorded", rounded(along.hypot(left))));
+    } else if along.abs() >= NEAR {
         metres.push(format!("{} m further {}", rounded(along), if along > 0.0 { "along" } else { "back" }));
     }
     // Beside a way that it does not take any more, or far along it, a side says nothing.
     let is_far = turns || along.abs() >= FAR;
-    let diverges = (turned - recorded_turned).abs() >= FRAC_PI_4;
     if left.abs() >= if is_far { ASIDE } else { NEAR } && !diverges {
         metres.push(format!("{} m further {}", rounded(left), if left > 0.0 { "left" } else { "right" }));
     }
@@ -154,9 +169,12 @@ impl Braking {
             };
         };
         let hardest = self.own_deceleration.unwrap_or_default();
-        let own = match self.brakes_before_contact {
-            None => "the driver is not braking at the contact".to_owned(),
-            Some(own) => {
+        let own = match (self.brakes_before_contact, self.released_before_contact) {
+            (None, None) => "the driver is not braking at the contact".to_owned(),
+            (None, Some(released)) => format!(
+                "the driver brakes by {hardest:.1} m/s² at most, but releases the brake {released:.1} s before it"
+            ),
+            (Some(own), _) => {
                 format!("the driver brakes from {own:.1} s before it on, by {hardest:.1} m/s² at most")
             }
         };
@@ -248,6 +266,7 @@ impl Reason {
             Self::NotAtFault => "the contact stays, but is not the driver's fault",
             Self::NotShownAvoidable => "the contact stays, and no evasive manoeuvre is found",
             Self::NotPreventable => "the contact stays, and no reference driver prevents it",
+            Self::NotInEveryVariant => "the failure does not hold in every variant of the drive",
             Self::Budget => "the drives are used up",
         }
     }
@@ -267,7 +286,7 @@ mod tests {
     use sage_core::motion::{HORIZON, Trajectory};
 
     use super::*;
-    use crate::search::{Clauses, explanation::Approach};
+    use crate::search::Clauses;
 
     fn deviation() -> Deviation {
         Deviation {
@@ -304,6 +323,7 @@ mod tests {
             needed: Needed { road_users: Vec::new(), is_minimal: true, without: None },
             braking: Braking {
                 brakes_before_contact: Some(0.2),
+                released_before_contact: None,
                 own_deceleration: Some(2.34),
                 adversary_off: Some(0.8),
                 time_to_brake: Some(1.6),
@@ -328,7 +348,8 @@ mod tests {
         );
         let unknown = Explanation { approach: None, collision: None, shrunk: None, ..explanation() };
         let words = unknown.sentence("idm", 2.0, None);
-        assert!(words.contains("collides with the adversary. Full braking"), "{words}");
+        let expected = "collides with the adversary. That car is not recorded up to there. Full braking";
+        assert!(words.contains(expected), "{words}");
         assert!(words.ends_with("No other road user is needed."));
     }
 
@@ -369,8 +390,10 @@ mod tests {
     #[test]
     fn turns_are_told_in_degrees_with_what_the_recording_does_then_and_later() {
         let turns = Deviation { turned: 0.9, along: 1.0, left: -3.0, ..deviation() };
-        let words = "turns 52° to the left (recorded: not then) and is 1.0 m further along than recorded";
+        let words = "turns 52° to the left (recorded: not then) and is 3.2 m from where it was recorded";
         assert_eq!(differences(&turns), words);
+        let both = Deviation { turned: 1.4, recorded_turned: 1.5, along: 0.0, left: 0.0, ..turns };
+        assert_eq!(differences(&both), "turns 80° to the left as recorded");
         let sooner = Deviation { turned_later: 1.5, recorded_turned: 0.3, ..turns };
         assert!(differences(&sooner).contains("(recorded: 17° to the left then, and more later)"));
         let less = Deviation { turned: -0.2, recorded_turned: -0.9, turned_later: -1.5, ..turns };
@@ -383,6 +406,10 @@ mod tests {
         let words = |braking: Braking| braking.sentence();
         let none = Braking { brakes_before_contact: None, own_deceleration: None, ..braking };
         assert!(words(none).ends_with("the driver is not braking at the contact."));
+        let released = Braking { released_before_contact: Some(0.4), own_deceleration: Some(4.0), ..none };
+        let expected = "the driver brakes by 4.0 m/s² at most, but releases the brake 0.4 s before it.";
+        assert!(words(released).ends_with(expected), "{}", words(released));
+        assert_eq!(released.class(), "releases the brake");
         assert!(
             words(Braking { brakes_before_contact: Some(1.6), ..braking }).ends_with("at most: too weakly.")
         );

@@ -1,0 +1,166 @@
+//! Whether drivers keep to the limits of a study, and are admitted.
+
+use std::{fs::File, path::Path};
+
+use sage_core::{
+    files,
+    statistics::{Estimate, wilson},
+    text::table::Table,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{Estimates, cell};
+use crate::{
+    Error, Result,
+    context::{Context as _, require},
+    csv_text::csv,
+    rows::{Results, Subject},
+    study::{Limit, Study},
+};
+
+/// Verdicts of each driver, as a file: `driver`, `limit`, `value`, `low`, `high`, `verdict`, and a row `all` with the verdict of all limits.
+pub const VERDICTS: &str = "admitted.csv";
+/// Largest file of a test in the author's own world, bytes.
+const MAX_OWN_WORLD: u64 = 1 << 20;
+/// Share of the scenes of its own world in which a learned policy has to succeed.
+const OWN_WORLD: f64 = 0.9;
+/// Name of that limit.
+const OWN_WORLD_NAME: &str = "own world";
+
+/// What a learned policy does in the simulator of its author, as a file (JSON): in how many scenes it does what it was trained for.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OwnWorld {
+    /// The simulator, with its version.
+    pub simulator: String,
+    /// What counts as a success, such as "reaches its goal".
+    pub success: String,
+    /// Number of scenes.
+    pub scenes: usize,
+    /// Number of them in which it succeeds.
+    pub succeeded: usize,
+}
+
+/// Whether a driver keeps to a limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+enum Verdict {
+    Kept,
+    /// The estimate is beyond it, but the interval is not: more scenes may tell.
+    CannotBeTold,
+    Exceeded,
+}
+
+impl Verdict {
+    fn of(limit: &Limit, estimate: &Estimate) -> Self {
+        let is_beyond = |value: f64| limit.at_most.is_some_and(|most| value > most) || limit.at_least.is_some_and(|least| value < least);
+        let nearest = if limit.at_most.is_some() { estimate.low } else { estimate.high };
+        match (is_beyond(estimate.value), is_beyond(nearest)) {
+            (false, _) => Self::Kept,
+            (true, false) => Self::CannotBeTold,
+            (true, true) => Self::Exceeded,
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::Kept => "kept",
+            Self::CannotBeTold => "cannot be told",
+            Self::Exceeded => "exceeded",
+        }
+    }
+
+    /// The verdict of all limits.
+    fn of_all(self) -> &'static str {
+        match self {
+            Self::Kept => "admitted",
+            Self::CannotBeTold => "cannot be told",
+            Self::Exceeded => "refused",
+        }
+    }
+}
+
+/// The table of limits and their file; none unless the study has limits.
+///
+/// *Errors*: a limit on a metric that is not measured; a file of a test in an own world that cannot be read, or names another driver.
+pub(super) fn tables(study: &Study, results: &Results, all: &Estimates) -> Result<Option<(Table, String)>> {
+    let limits = &study.report.limits;
+    if limits.is_empty() {
+        return Ok(None);
+    }
+    let own_worlds = study.own_world.iter().map(|entry| own_world(entry)).collect::<Result<Vec<_>>>()?;
+    let subject = Subject::Drive;
+    let methods = results.methods(subject);
+    for (arm, _) in &own_worlds {
+        let is_known = methods.iter().any(|method| results.keys[*method].arm == *arm);
+        require(is_known, || format!("`own_world` names `{arm}`, which is no driver of the study"))?;
+    }
+    let columns: Vec<(usize, &Limit)> = limits
+        .iter()
+        .map(|limit| {
+            let metric = results.metric(subject, &limit.metric);
+            metric.map(|metric| (metric, limit)).with_context(|| {
+                format!("`limits` has `{}`, which is no metric of drives of this study", limit.metric)
+            })
+        })
+        .collect::<Result<_>>()?;
+    let mut heads = vec!["driver".to_owned(), "verdict".to_owned()];
+    heads.extend(columns.iter().map(|(_, limit)| limit.words()));
+    heads.extend((!own_worlds.is_empty()).then(|| format!("{OWN_WORLD_NAME} ≥ {OWN_WORLD}")));
+    let mut file = vec![["driver", "limit", "value", "low", "high", "verdict"].map(str::to_owned).to_vec()];
+    let mut rows = Vec::new();
+    for method in methods {
+        let arm = &results.keys[method].arm;
+        let (mut worst, mut cells) = (Verdict::Kept, Vec::new());
+        let mut answer = |limit: &Limit, estimate: Option<Estimate>, shown: String| {
+            let Some(estimate) = estimate else { return cells.push("-".to_owned()) };
+            let verdict = Verdict::of(limit, &estimate);
+            worst = worst.max(verdict);
+            let numbers = [estimate.value, estimate.low, estimate.high].map(|x| x.to_string());
+            let head = [arm.clone(), limit.metric.clone()];
+            file.push(head.into_iter().chain(numbers).chain([verdict.words().to_owned()]).collect());
+            let mark = if verdict == Verdict::Kept { String::new() } else { format!(": {}", verdict.words()) };
+            cells.push(shown + &mark);
+        };
+        for (metric, limit) in &columns {
+            let (_, estimate) = all.get(method, *metric);
+            answer(limit, estimate, cell(&results.metrics_of(subject)[*metric], estimate, None));
+        }
+        if !own_worlds.is_empty() {
+            let own = own_worlds.iter().find(|(name, _)| name == arm);
+            let limit = Limit { metric: OWN_WORLD_NAME.to_owned(), at_most: None, at_least: Some(OWN_WORLD) };
+            let shown = own.map(|(_, own)| {
+                format!("{} of {}: {} ({})", own.succeeded, own.scenes, own.success, own.simulator)
+            });
+            let estimate = own.and_then(|(_, own)| wilson(own.succeeded, own.scenes));
+            answer(&limit, estimate, shown.unwrap_or_default());
+        }
+        let failed = results.failure_count(method);
+        if failed > 0 {
+            worst = worst.max(Verdict::CannotBeTold);
+        }
+        let verdict = worst.of_all().to_owned();
+        let whole = ["", "", ""].map(str::to_owned);
+        file.push([arm.clone(), "all".to_owned()].into_iter().chain(whole).chain([verdict.clone()]).collect());
+        rows.push([arm.clone(), verdict].into_iter().chain(cells).collect());
+    }
+    let title = "Limits. *Refused*: an interval lies wholly beyond a limit; *cannot be told*: an estimate does, or a drive failed:";
+    Ok(Some((Table { title: title.to_owned(), heads, rows, names: 1 }, csv(file))))
+}
+
+/// `ARM=FILE`, read.
+fn own_world(entry: &str) -> Result<(String, OwnWorld)> {
+    let (arm, file) = entry
+        .split_once('=')
+        .with_context(|| format!("`own_world` is `{entry}`; expected DRIVER=FILE, such as policy=own.json"))?;
+    let path = Path::new(file);
+    let read = || -> Result<OwnWorld> {
+        File::open(path)?;
+        let own: OwnWorld = serde_json::from_slice(&files::read(path, MAX_OWN_WORLD)?)?;
+        require(own.scenes > 0 && own.succeeded <= own.scenes, || {
+            format!("{} of {} scenes; expected at least one scene and no more successes", own.succeeded, own.scenes)
+        })?;
+        Ok(own)
+    };
+    let own = read().map_err(|error| Error::Value(format!("own world `{file}`: {error}")))?;
+    Ok((arm.to_owned(), own))
+}

@@ -140,8 +140,8 @@ class Scene:
         self.car = Car(fields["ego"])
         self.map = fields["map"]
         self.lights = fields["lights"]
-        self.other_lights = fields["other_lights"]
-        self.route_lanes = fields["route_lanes"]
+        self.other_lights = fields.get("other_lights", [])
+        self.route_lanes = fields.get("route_lanes", [])
         self.goal = fields.get("goal")
         self.follow = fields.get("follow")
 
@@ -192,8 +192,8 @@ class Ego:
         self.heading = fields["heading"]
         self.vx, self.vy = fields["velocity"]
         self.yaw_rate = fields["yaw_rate"]
-        self.acceleration = fields["acceleration"]
-        self.steering_angle = fields["steering_angle"]
+        self.acceleration = fields.get("acceleration", 0.0)
+        self.steering_angle = fields.get("steering_angle", 0.0)
 
     def __repr__(self):
         return f"<Ego at ({self.x:.1f}, {self.y:.1f}), heading {self.heading:.2f}, {self.speed:.1f} m/s>"
@@ -216,7 +216,7 @@ class Observation:
         #: States of `scene.lights` now: "red", "yellow", "green", "flashing red" or "unknown".
         self.lights = fields["lights"]
         #: States of `scene.other_lights`.
-        self.other_lights = fields["other_lights"]
+        self.other_lights = fields.get("other_lights", [])
         #: The messages of the last ten frames, the oldest first, this one last.
         self.history = history
         self._agents = None
@@ -391,8 +391,11 @@ if os.environ.get("SAGE_PLANNER"):
 def serve(planner, observation=False):
     """Answers `sage` until it closes the input. What the planner prints goes to the log of the run."""
     out = keep_standard_output()
-    hello = {"hello": PROTOCOL, "observation": observation, "goal": getattr(planner, "wants_goal", False) is True}
-    hello["follows"] = list(getattr(planner, "follows", ()))
+    hello = {"hello": PROTOCOL, "observation": observation}
+    if getattr(planner, "wants_goal", False) is True:
+        hello["goal"] = True
+    if getattr(planner, "follows", ()):
+        hello["follows"] = list(planner.follows)
     encode = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
     scene, history = None, deque(maxlen=HISTORY)
     for line in sys.stdin:

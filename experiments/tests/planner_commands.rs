@@ -236,9 +236,11 @@ fn adapters_work_with_the_packages_that_are_there() {
     let mut pythons = vec!["python3".to_owned()];
     pythons.extend(std::env::var("SAGE_METADRIVE_PYTHON"));
     for python in pythons {
-        let output =
-            Command::new(&python).arg(of_project("examples/planners/test_adapters.py")).output().unwrap();
-        eprintln!("{python}: {}", String::from_utf8_lossy(&output.stdout));
-        assert!(output.status.success(), "{python}: {}", stderr(&output));
+        for file in ["examples/planners/test_adapters.py", "examples/planners/fiss/test_fiss.py"] {
+            let file = of_project(file);
+            let output = Command::new(&python).arg(file).output().unwrap();
+            eprintln!("{python}: {}", String::from_utf8_lossy(&output.stdout));
+            assert!(output.status.success(), "{python}: {}", stderr(&output));
+        }
     }
 }

@@ -18,7 +18,7 @@ use sage_core::{metric::Aggregate, statistics::Estimate, text::table::Table, tex
 
 use crate::{Result, csv_text::csv};
 
-pub use limits::{OwnWorld, VERDICTS};
+pub use limits::{OwnWorld, verdict_of};
 pub(crate) use pairs::KINDS;
 pub use record::{StudyRecord, join, read, rows_csv};
 

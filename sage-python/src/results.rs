@@ -149,6 +149,7 @@ pub(crate) fn search_rows(
     let unattacked = before.unattacked_drive();
     row.unattacked_completion = unattacked.completion;
     row.unattacked_off_road = unattacked.is_off_road();
+    row.unattacked_off_plan = unattacked.off_plan;
     Ok((without_run(serde_json::to_value(row)?), failures))
 }
 

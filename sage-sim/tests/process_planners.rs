@@ -48,20 +48,20 @@ const LATE: [f64; 3] = [20.0, 20.0, 10.0];
 /// Ways to misbehave, with the times to answer where they are what is tested.
 const WAYS: [(&str, [f64; 3]); 36] = [
     ("exits at its start", LATE),
-    ("is silent at its start", [0.5, 20.0, 10.0]),
+    ("is silent at its start", [0.1, 20.0, 10.0]),
     ("speaks another version", LATE),
     ("leaves the version out", LATE),
     ("asks for observation by a word", LATE),
     ("exits at reset", LATE),
-    ("is silent at reset", [20.0, 0.5, 10.0]),
+    ("is silent at reset", [20.0, 0.1, 10.0]),
     ("is not ready", LATE),
     ("exits at step 7", LATE),
     ("is killed", LATE),
-    ("is silent", [20.0, 20.0, 0.5]),
-    ("ignores SIGTERM", [20.0, 20.0, 0.5]),
+    ("is silent", [20.0, 20.0, 0.1]),
+    ("ignores SIGTERM", [20.0, 20.0, 0.1]),
     ("closes its output", LATE),
     ("writes too much to its log", LATE),
-    ("sends half a line", [20.0, 20.0, 0.5]),
+    ("sends half a line", [20.0, 20.0, 0.1]),
     ("sends a line of a gigabyte", LATE),
     ("sends deep JSON", LATE),
     ("sends NaN", LATE),
@@ -103,6 +103,101 @@ fn misbehaving_planners_fail_their_drive_with_a_clear_message() {
         format!("{way}\n    {}\n", error.to_string().replace(&file, "misbehaving.py"))
     });
     insta::assert_snapshot!(messages.collect::<String>());
+}
+
+/// The planner that offers ways of following, with one of them.
+fn by(argument: &str, follow: Option<&str>, timeouts: [f64; 3]) -> Option<Box<dyn EgoPolicy>> {
+    let command = [&python("ways.py")?[..], &[argument.to_owned()]].concat();
+    let options = json!({"command": command, "timeouts": timeouts, "follow": follow});
+    Some(policies().unwrap().build("process", &options).unwrap())
+}
+
+#[test]
+fn a_plan_is_followed_in_each_way_that_the_planner_offers() {
+    let scene = road_ahead();
+    let Some(tracked) = by("", None, LATE) else { return };
+    let names: Vec<String> = tracked.other_ways().unwrap().into_iter().map(|way| way.name).collect();
+    assert_eq!(names, ["exact"]);
+    let other = tracked.other_ways().unwrap().remove(0).policy;
+    let exact = driven(&scene, &*other).unwrap();
+    assert_eq!(exact.motions, driven(&scene, &*by("", Some("exact"), LATE).unwrap()).unwrap().motions);
+    for (k, motion) in exact.motions.iter().enumerate() {
+        assert_relative_eq!(motion.position[0], 0.8 * k as f64, epsilon = 1e-6);
+    }
+    assert!(exact.distances_to_plan(90).iter().all(|distance| *distance < 1e-6));
+    // A tracker leads a car to a plan beside it, and is beside it meanwhile.
+    let beside = driven(&scene, &*by("beside", None, LATE).unwrap()).unwrap();
+    assert_eq!(beside.distances_to_plan(90).len(), 90);
+    assert!(beside.distances_to_plan(90).iter().any(|distance| *distance > 0.05));
+    let error = |argument, follow| driven(&scene, &*by(argument, Some(follow), LATE).unwrap()).unwrap_err().to_string();
+    let said = error("jumps", "exact");
+    assert!(said.contains("beyond the car: speed along the way there 50.00 m/s"), "{said}");
+    let said = error("", "mpc");
+    assert!(said.ends_with("does not offer to follow by `mpc`; it offers tracked, exact"), "{said}");
+}
+
+#[test]
+fn a_contact_ends_the_drive_of_a_car_that_follows_exactly_like_any_other() {
+    let standing = || car("other", [30.0, 0.0], 0.0, 0.0);
+    let scene = prepared(scene(road(), vec![car("ego", [0.0, 0.0], 0.0, 8.0), standing()]));
+    let Some(exact) = by("", Some("exact"), LATE) else { return };
+    let episode = Episode::run(&scene, None, &*exact, 0).unwrap();
+    assert!(!episode.is_posed && episode.contacts.len() == 1);
+    assert_eq!(episode.contacts[0].class.is_at_fault(), Some(true));
+}
+
+#[test]
+fn a_planner_that_waits_has_more_time_than_one_that_computes() {
+    let scene = road_ahead();
+    let limits = [20.0, 20.0, 0.2];
+    let Some(sleeps) = by("sleeps", None, limits) else { return };
+    let mut simulation = Simulation::new(&scene, &Arc::default(), None, &*sleeps, 0).unwrap();
+    for _ in 0..6 {
+        simulation.step().unwrap();
+    }
+    if cfg!(target_os = "linux") {
+        let computes = by("computes", None, limits).unwrap();
+        let error = driven(&scene, &*computes).unwrap_err();
+        assert!(error.to_string().contains("no answer within 0.2 s of computing, or 2 s in all"), "{error}");
+        // An attacked drive begins once more, in another program.
+        let twice = Episode::run(&scene, None, &*computes, 0).unwrap_err();
+        assert!(twice.to_string().contains("the drive was begun twice"), "{twice}");
+    }
+}
+
+#[test]
+fn a_planner_is_told_lanes_with_their_widths_neighbours_and_bounds() {
+    let data = generate(Kind::FourWay, 1, 0).unwrap();
+    let map = data.map.clone();
+    let scene = SimScene::new(data.into(), sage_core::scene::SceneIndex::new(map)).unwrap();
+    let told = |argument: &str| -> Option<Value> {
+        let folder = tempfile::tempdir().unwrap();
+        let policy = by(argument, None, LATE)?;
+        policy.write_logs_to(folder.path());
+        driven(&scene, &*policy).unwrap();
+        let log = std::fs::read_to_string(folder.path().join("planner-1.log")).unwrap();
+        Some(serde_json::from_str(log.lines().next().unwrap()).unwrap())
+    };
+    let Some(reset) = told("") else { return };
+    let lanes: Vec<&Value> =
+        reset["map"].as_array().unwrap().iter().filter(|feature| feature.get("exits").is_some()).collect();
+    let has_id = |id: &Value| lanes.iter().any(|lane| lane["id"] == *id);
+    let on_route = reset["route_lanes"].as_array().unwrap();
+    assert!(!on_route.is_empty() && on_route.iter().all(has_id));
+    for lane in &lanes {
+        let points = lane["points"].as_array().unwrap().len();
+        assert_eq!(lane["width"].as_array().unwrap().len(), points);
+        for side in ["left", "right"] {
+            let neighbors = lane["neighbors"][side].as_array().unwrap();
+            assert_eq!(neighbors.len(), lane[side].as_array().unwrap().len());
+            for stretch in neighbors.iter().chain(lane["boundaries"][side].as_array().unwrap()) {
+                assert!(stretch["from"].as_u64() <= stretch["to"].as_u64() && (stretch["to"].as_u64().unwrap() as usize) < points);
+            }
+        }
+    }
+    let length = scene.guide().length();
+    assert!((10.0..=length).contains(&reset["goal"].as_f64().unwrap()));
+    assert_eq!(told("no goal").unwrap().get("goal"), None);
 }
 
 #[test]

@@ -11,7 +11,7 @@ use sage_sim::{
     reference::Answer,
     search::{
         Clause, Clauses, Deviation, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement,
-        SearchOptions, SearchResult,
+        SearchOptions, SearchResult, Variation,
     },
 };
 use serde::{Deserialize, Serialize};
@@ -104,6 +104,9 @@ pub struct SceneRow {
     /// Whether the unattacked drive leaves the road, which the recording does not; none on a map without edges.
     #[serde(default)]
     pub unattacked_off_road: Option<bool>,
+    /// Largest distance of the car from its newest plan in the unattacked drive, metres; none for a driver that shows no plan.
+    #[serde(default)]
+    pub unattacked_off_plan: Option<f64>,
     /// Box centre and heading of the ego in the unattacked drive at frames 0 to 90, up to its first contact.
     pub unattacked_path: Vec<[f64; 3]>,
     /// The failure with the largest reward.
@@ -169,12 +172,15 @@ pub struct EvaluatedRow {
     /// The reference drivers that were asked whether they prevent the contact.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<Answer>,
+    /// What becomes of the failure in each variant of the drive, if that was asked.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub variations: Vec<Variation>,
 }
 
 impl EvaluatedRow {
     /// The row of a drive.
     pub fn of(evaluated: &Evaluated) -> Self {
-        let Evaluated { contact, clauses, reward, human_time, references, .. } = evaluated;
+        let Evaluated { contact, clauses, reward, human_time, references, variations, .. } = evaluated;
         Self {
             contact: contact.clone(),
             clauses: *clauses,
@@ -182,6 +188,7 @@ impl EvaluatedRow {
             latest_start_r157: evaluated.latest_start_r157,
             human_time: *human_time,
             references: references.clone(),
+            variations: variations.clone(),
         }
     }
 }
@@ -267,6 +274,7 @@ impl SceneRow {
             unattacked_contact: None,
             unattacked_completion: None,
             unattacked_off_road: None,
+            unattacked_off_plan: None,
             unattacked_path: Vec::new(),
             worst: result.worst().map(found),
             mildest: result.mildest(pool).map(found),

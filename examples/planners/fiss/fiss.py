@@ -19,7 +19,8 @@ import fiss_planner as fp
 import numpy as np
 
 LANES = ("LANE_SURFACE_STREET", "LANE_FREEWAY", "LANE_SURFACE_UNSTRUCTURE")
-HALF_LANE, REACH, MARGIN, STEP = 1.75, 120.0, 0.2, 0.1
+HALF_LANE, NARROWEST, WIDEST = 1.75, 1.4, 2.2
+REACH, MARGIN, STEP = 120.0, 0.2, 0.1
 POSES = 40
 #: Horizon of predictions, seconds: the longest plan, and half a second.
 BEYOND = 0.5
@@ -46,8 +47,8 @@ def map_lane(feature, numbers):
     centre = np.array(feature["points"], dtype=float)[:, :2]
     way = np.gradient(centre, axis=0)
     normal = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-9)[:, None]
-    width = np.array(feature.get("width") or [[HALF_LANE] * 2] * len(centre), dtype=float)
-    width = np.where(width > 0.5, width, HALF_LANE)[:, :, None]
+    width = [[HALF_LANE if w is None else min(max(w, NARROWEST), WIDEST) for w in sides] for sides in feature["width"]]
+    width = np.array(width)[:, :, None]
     lane.centerline, lane.left, lane.right = centre, centre + width[:, 0] * normal, centre - width[:, 1] * normal
     lane.successors = [numbers[k] for k in feature["exits"] if k in numbers]
     lane.predecessors = [numbers[k] for k in feature["entries"] if k in numbers]
@@ -56,7 +57,7 @@ def map_lane(feature, numbers):
         bound = longest(feature["boundaries"][side])
         setattr(lane, side + "_type", line_type(bound and bound["type"]))
         beside = longest([n for n in feature["neighbors"][side] if n["lane"] in numbers])
-        if beside is not None:
+        if beside is not None and 2 * (beside["to"] - beside["from"]) >= len(centre):
             setattr(lane, side + "_neighbor", numbers[beside["lane"]])
             crossable = line_type(beside["line"]) not in (fp.LineType.SOLID, fp.LineType.ROAD_EDGE)
             setattr(lane, "can_change_" + side, crossable)
@@ -83,7 +84,7 @@ def road_map(scene):
 
 
 class FissPlus:
-    follows = ("plan", "exact", "mpc")
+    follows = ("exact", "plan", "mpc")
 
     def __init__(self, options):
         self.options = options
@@ -111,7 +112,7 @@ class FissPlus:
         self.planner.set_map(self.road, [numbers[k] for k in scene.route_lanes if k in numbers])
         self.sharpest = math.tan(vehicle.max_steer) / vehicle.wheelbase
         self.controller = fp.make_controller("mpc", vehicle)
-        self.ids, self.kept, self.follow = {}, None, scene.follow or "plan"
+        self.ids, self.kept, self.follow = {}, None, scene.follow or "exact"
 
     def obstacle(self, agent):
         number = self.ids.setdefault(agent.id, len(self.ids))  # stable in a drive, and 0 or more

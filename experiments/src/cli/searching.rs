@@ -27,7 +27,8 @@ use super::{
 /// A plan is a failure if its attacked drive meets all clauses of --require: `attack` (the first contact is with the
 /// adversary, and not there without the attack), `believable`, `at-fault` (by nuPlan's rule), and `preventable` (a reference
 /// driver, which does not know the plan, takes over *now* and prevents the contact). `avoidable` asks whether an evasive manoeuvre exists,
-/// knowing the plan, which it does for nearly all; `believable-1` is the definition of `believable` before plans had limits of turns.
+/// knowing the plan, which it does for nearly all; `holds`, whether it is a failure in every variant of the drive: each way of following
+/// plans that a planner offers, and small changes of the start; `believable-1` is the definition of `believable` before plans had limits of turns.
 ///
 /// The plans are those of SAGE at five lambda, of its mixtures with the lawful expert, and of random goals, as far as they are
 /// feasible (--feasibility, by default `drivable`). --method searches the plans of one generator instead; `king`,
@@ -54,6 +55,9 @@ pub(crate) struct SearchArgs {
     pub ego: DriverSpec,
     #[command(flatten)]
     pub planner: PlannerArgs,
+    /// Folder of `sage bench admit` with a verdict on this driver; a refused one is warned of.
+    #[arg(long, help_heading = DRIVER, value_name = "DIR")]
+    pub admitted: Option<PathBuf>,
     /// Largest number of attacked drives in a scene.
     #[arg(long, help_heading = SEARCH, value_name = "N", default_value_t = 64, value_parser = budget)]
     pub budget: usize,

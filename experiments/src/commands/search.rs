@@ -1,5 +1,6 @@
 //! `sage search`: searches scenes for what a driver fails at.
 
+mod admitted;
 mod estimate;
 pub(super) mod found;
 mod picture;
@@ -40,6 +41,7 @@ pub(crate) fn run(args: &SearchArgs, extent: Extent, registries: &Registries) ->
     };
     let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, extent, &[MANIFEST], outdated)?;
     output::keep_planner_logs(run.folder(), extent, std::slice::from_ref(&searcher.ego))?;
+    admitted::say(args.admitted.as_deref(), &args.ego)?;
     let report = |count| {
         searcher.estimate.set_scenes(count);
         Report::new(run.folder().path(), args.json, count, ReportWords { done: "searched", result: "scene" })

@@ -224,7 +224,9 @@ impl Attacks {
         };
         if let (Some((test, _)), Some(key)) = (&test, self.numbers.get(&Slot::Drive { ego: number })) {
             let mut drive = test.unattacked_drive();
-            if self.repeats_drives && let Some((ego, Ok(simulated))) = driver {
+            if self.repeats_drives
+                && let Some((ego, Ok(simulated))) = driver
+            {
                 drive.again = again(&*ego.policy, simulated, test, self.seed);
             }
             result.cells.push(cell(*key, &self.drives, &drive));

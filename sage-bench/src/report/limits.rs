@@ -1,6 +1,6 @@
 //! Whether drivers keep to the limits of a study, and are admitted.
 
-use std::{fs::File, path::Path};
+use std::path::Path;
 
 use sage_core::{
     files,
@@ -13,13 +13,15 @@ use super::{Estimates, cell};
 use crate::{
     Error, Result,
     context::{Context as _, require},
-    csv_text::csv,
+    csv_text::{csv, text as unquoted},
     rows::{Results, Subject},
     study::{Limit, Study},
 };
 
 /// Verdicts of each driver, as a file: `driver`, `limit`, `value`, `low`, `high`, `verdict`, and a row `all` with the verdict of all limits.
 pub const VERDICTS: &str = "admitted.csv";
+/// Largest file of verdicts, bytes.
+const MAX_VERDICTS: u64 = 1 << 22;
 /// Largest file of a test in the author's own world, bytes.
 const MAX_OWN_WORLD: u64 = 1 << 20;
 /// Share of the scenes of its own world in which a learned policy has to succeed.
@@ -52,7 +54,10 @@ enum Verdict {
 
 impl Verdict {
     fn of(limit: &Limit, estimate: &Estimate) -> Self {
-        let is_beyond = |value: f64| limit.at_most.is_some_and(|most| value > most) || limit.at_least.is_some_and(|least| value < least);
+        let is_beyond = |value: f64| {
+            limit.at_most.is_some_and(|most| value > most)
+                || limit.at_least.is_some_and(|least| value < least)
+        };
         let nearest = if limit.at_most.is_some() { estimate.low } else { estimate.high };
         match (is_beyond(estimate.value), is_beyond(nearest)) {
             (false, _) => Self::Kept,
@@ -118,7 +123,8 @@ pub(super) fn tables(study: &Study, results: &Results, all: &Estimates) -> Resul
             let numbers = [estimate.value, estimate.low, estimate.high].map(|x| x.to_string());
             let head = [arm.clone(), limit.metric.clone()];
             file.push(head.into_iter().chain(numbers).chain([verdict.words().to_owned()]).collect());
-            let mark = if verdict == Verdict::Kept { String::new() } else { format!(": {}", verdict.words()) };
+            let mark =
+                if verdict == Verdict::Kept { String::new() } else { format!(": {}", verdict.words()) };
             cells.push(shown + &mark);
         };
         for (metric, limit) in &columns {
@@ -140,24 +146,44 @@ pub(super) fn tables(study: &Study, results: &Results, all: &Estimates) -> Resul
         }
         let verdict = worst.of_all().to_owned();
         let whole = ["", "", ""].map(str::to_owned);
-        file.push([arm.clone(), "all".to_owned()].into_iter().chain(whole).chain([verdict.clone()]).collect());
+        file.push(
+            [arm.clone(), "all".to_owned()].into_iter().chain(whole).chain([verdict.clone()]).collect(),
+        );
         rows.push([arm.clone(), verdict].into_iter().chain(cells).collect());
     }
     let title = "Limits. *Refused*: an interval lies wholly beyond a limit; *cannot be told*: an estimate does, or a drive failed:";
     Ok(Some((Table { title: title.to_owned(), heads, rows, names: 1 }, csv(file))))
 }
 
+/// The verdict of all limits on a driver, from the folder of a study with limits: `admitted`, `refused` or `cannot be told`.
+///
+/// *Errors*: no such folder, or no verdict on this driver.
+pub fn verdict_of(folder: &Path, driver: &str) -> Result<String> {
+    let path = folder.join(VERDICTS);
+    let read = files::read(&path, MAX_VERDICTS);
+    let text = read.with_context(|| format!("`{}` is no folder of `sage bench admit`", folder.display()))?;
+    let mut rows = csv::Reader::from_reader(&text[..]);
+    let mut found = rows.records().filter_map(std::result::Result::ok).filter(|row| row.get(1) == Some("all"));
+    let of_driver = found.find(|row| row.get(0).is_some_and(|cell| unquoted(cell) == driver));
+    let verdict = of_driver.and_then(|row| Some(row.get(5)?.to_owned()));
+    verdict.with_context(|| {
+        format!("`{}` has no verdict on `{driver}`; name the driver there as here: NAME=…", path.display())
+    })
+}
+
 /// `ARM=FILE`, read.
 fn own_world(entry: &str) -> Result<(String, OwnWorld)> {
-    let (arm, file) = entry
-        .split_once('=')
-        .with_context(|| format!("`own_world` is `{entry}`; expected DRIVER=FILE, such as policy=own.json"))?;
+    let (arm, file) = entry.split_once('=').with_context(|| {
+        format!("`own_world` is `{entry}`; expected DRIVER=FILE, such as policy=own.json")
+    })?;
     let path = Path::new(file);
     let read = || -> Result<OwnWorld> {
-        File::open(path)?;
         let own: OwnWorld = serde_json::from_slice(&files::read(path, MAX_OWN_WORLD)?)?;
         require(own.scenes > 0 && own.succeeded <= own.scenes, || {
-            format!("{} of {} scenes; expected at least one scene and no more successes", own.succeeded, own.scenes)
+            format!(
+                "{} of {} scenes; expected at least one scene and no more successes",
+                own.succeeded, own.scenes
+            )
         })?;
         Ok(own)
     };

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::{Map, MapFeature, MapKind, Sidewalks, levels, map::JOINED};
+use super::{LaneWidths, Map, MapFeature, MapKind, Sidewalks, lane_widths, levels, map::JOINED};
 use crate::geometry::{Point, Segment, SegmentIndex, distance};
 
 /// Largest distance of a lane whose height something follows, metres.
@@ -51,6 +51,7 @@ pub struct SceneIndex {
     motor_lanes: OnceLock<SegmentIndex>,
     solid_lines: OnceLock<SegmentIndex>,
     along: OnceLock<Vec<f64>>,
+    lane_widths: OnceLock<Vec<LaneWidths>>,
     largest_step: OnceLock<f64>,
 }
 
@@ -68,6 +69,7 @@ impl SceneIndex {
             motor_lanes: OnceLock::new(),
             solid_lines: OnceLock::new(),
             along: OnceLock::new(),
+            lane_widths: OnceLock::new(),
             largest_step: OnceLock::new(),
         })
     }
@@ -159,6 +161,11 @@ impl SceneIndex {
             }
             along
         })
+    }
+
+    /// Distances from the points of each lane to what bounds it, by the number of its feature; empty for other features.
+    pub fn lane_widths(&self) -> &[LaneWidths] {
+        self.lane_widths.get_or_init(|| lane_widths::lane_widths(&self.map))
     }
 
     /// Builds the structures that features and scoring use, so that time measurements exclude it.

@@ -139,7 +139,7 @@ def search(
     In each scene at most `budget` plans are driven against, of at most `plans` feasible ones that are proposed; what was driven
     decides which is next (`order`: "surrogate", "random", "pool"), and in the last `refine` of the budget plans are refined against
     what the driver did, until the first failure. A failure meets all clauses of `require`, of
-    "attack,believable,at-fault,preventable" (all by default), "avoidable" and "believable-1"; `references` names the drivers that
+    "attack,believable,at-fault,preventable" (all by default), "avoidable", "holds" and "believable-1"; `references` names the drivers that
     are asked in place of r157, idm, pdm and expert whether they prevent a contact; `first` stops at the first one. `explain_failures`
     says which are explained, by some ten drives more: "mildest" (the one whose adversary is driven least differently from the
     recording), "all" or "none". Plans are those of several

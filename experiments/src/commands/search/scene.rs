@@ -113,6 +113,7 @@ impl OneScene<'_> {
         let unattacked = test.unattacked_drive();
         row.unattacked_completion = unattacked.completion;
         row.unattacked_off_road = unattacked.is_off_road();
+        row.unattacked_off_plan = unattacked.off_plan;
         let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
         row.unattacked_path = shown_part(test.unattacked()).iter().map(pose).collect();
         // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.

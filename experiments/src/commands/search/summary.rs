@@ -26,9 +26,14 @@ pub(super) struct Summary {
     contacts_without_attack: usize,
     /// Scenes in which the driver leaves the road without any attack.
     off_road_without_attack: usize,
+    /// Scenes in which the car is beside its plan without any attack, and the largest distance, metres.
+    off_plan: (usize, f64),
     /// Sum of the shares of the routes that are driven without an attack, and their number.
     completion: (f64, usize),
 }
+
+/// Distance from its plan that is warned of, metres.
+const OFF_PLAN: f64 = 0.5;
 
 /// A driver that makes less of its routes without an attack hardly drives.
 pub(in crate::commands) const HARDLY: f64 = 0.5;
@@ -51,6 +56,7 @@ impl Summary {
             reached,
             contacts_without_attack: 0,
             off_road_without_attack: 0,
+            off_plan: (0, 0.0),
             completion: (0.0, 0),
         };
         for row in rows {
@@ -59,6 +65,9 @@ impl Summary {
             all.errors += row.errors;
             all.contacts_without_attack += usize::from(row.unattacked_contact.is_some());
             all.off_road_without_attack += usize::from(row.unattacked_off_road == Some(true));
+            if let Some(off) = row.unattacked_off_plan.filter(|off| *off > OFF_PLAN) {
+                all.off_plan = (all.off_plan.0 + 1, all.off_plan.1.max(off));
+            }
             if let Some(completion) = row.unattacked_completion {
                 all.completion.0 += completion;
                 all.completion.1 += 1;
@@ -138,6 +147,12 @@ impl Summary {
             let scenes = within(self.off_road_without_attack);
             lines.push(format!(
                 "warning: in {scenes} this driver leaves the road without any attack, which is no failure of a search: `sage simulate` shows it"
+            ));
+        }
+        if let (scenes @ 1.., most) = self.off_plan {
+            lines.push(format!(
+                "warning: in {} without any attack the car is more than {OFF_PLAN} m beside its newest plan (up to {most:.1} m): plan from where the car is, or answer with \"follow\": \"exact\"",
+                within(scenes)
             ));
         }
         let (sum, scenes) = self.completion;

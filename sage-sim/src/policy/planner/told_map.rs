@@ -2,7 +2,7 @@
 
 use sage_core::{
     geometry::{Aabb, Point},
-    scene::{Boundary, Lane, Map, MapFeature, Neighbor},
+    scene::{Boundary, Lane, LaneWidths, Map, MapFeature, Neighbor, SceneIndex},
 };
 use serde::{Serialize, Serializer, ser::SerializeSeq};
 
@@ -11,7 +11,7 @@ use crate::route::Route;
 
 /// The features of a map that come near a route.
 pub(super) struct Features<'a> {
-    pub(super) map: &'a Map,
+    pub(super) index: &'a SceneIndex,
     pub(super) route: &'a Route,
     /// Metres.
     pub(super) radius: f64,
@@ -36,8 +36,7 @@ struct ToldLane<'a> {
     exits: Vec<&'a str>,
     left: Vec<&'a str>,
     right: Vec<&'a str>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    width: Vec<[f64; 2]>,
+    width: Vec<[Option<f64>; 2]>,
     neighbors: Sides<ToldNeighbor<'a>>,
     boundaries: Sides<ToldBoundary<'a>>,
 }
@@ -75,17 +74,23 @@ impl Serialize for Features<'_> {
         let legs: Vec<Aabb> =
             corners.windows(2).map(|leg| Aabb::of(leg.iter().copied()).grown(self.radius)).collect();
         let mut seq = serializer.serialize_seq(None)?;
-        for feature in self.map.features.iter().filter(|feature| self.is_near(feature, &legs)) {
-            seq.serialize_element(&self.feature(feature))?;
+        for (k, feature) in self.map().features.iter().enumerate() {
+            if self.is_near(feature, &legs) {
+                seq.serialize_element(&self.feature(k, feature))?;
+            }
         }
         seq.end()
     }
 }
 
 impl<'a> Features<'a> {
+    fn map(&self) -> &'a Map {
+        self.index.map()
+    }
+
     /// Whether a segment of a feature, or its only point, comes closer than the radius along both axes.
     fn is_near(&self, feature: &MapFeature, legs: &[Aabb]) -> bool {
-        let points = self.map.points_of(feature);
+        let points = self.map().points_of(feature);
         let meets = |part: &[[f64; 3]]| {
             let part = Aabb::of(part.iter().map(|[x, y, _]| [*x, *y]));
             legs.iter().any(|leg| leg.meets(&part))
@@ -93,14 +98,14 @@ impl<'a> Features<'a> {
         meets(points) && (points.len() == 1 || points.windows(2).any(meets))
     }
 
-    fn feature(&self, feature: &'a MapFeature) -> Feature<'a> {
-        let points = self.map.points_of(feature).iter().map(|p| all_rounded(*p)).collect();
-        let lane = feature.lane.as_ref().map(|lane| self.lane(lane));
+    fn feature(&self, k: usize, feature: &'a MapFeature) -> Feature<'a> {
+        let points = self.map().points_of(feature).iter().map(|p| all_rounded(*p)).collect();
+        let lane = feature.lane.as_ref().map(|lane| self.lane(lane, &self.index.lane_widths()[k]));
         Feature { id: &feature.id, kind: feature.kind.name(), points, lane }
     }
 
-    fn lane(&self, lane: &'a Lane) -> ToldLane<'a> {
-        let id = |k: usize| Some(&*self.map.features.get(k)?.id);
+    fn lane(&self, lane: &'a Lane, widths: &LaneWidths) -> ToldLane<'a> {
+        let id = |k: usize| Some(&*self.map().features.get(k)?.id);
         let ids = |lanes: &[usize]| -> Vec<&'a str> { lanes.iter().filter_map(|k| id(*k)).collect() };
         let beside = |side: usize| lane.neighbors[side].iter().filter_map(|n| id(n.lane)).collect();
         let [left, right] = [0, 1].map(|side| {
@@ -118,7 +123,7 @@ impl<'a> Features<'a> {
             exits: ids(&lane.exits),
             left: beside(0),
             right: beside(1),
-            width: lane.width.iter().map(|widths| all_rounded(*widths)).collect(),
+            width: widths.iter().map(|sides| sides.map(|width| width.map(rounded))).collect(),
             neighbors,
             boundaries: Sides { left, right },
         }
@@ -130,17 +135,17 @@ impl<'a> Features<'a> {
         // Of equal ones the first.
         let line = boundaries.iter().rev().max_by_key(|b| between(b)).filter(|b| between(b) > 0);
         Some(ToldNeighbor {
-            lane: &self.map.features.get(neighbor.lane)?.id,
+            lane: &self.map().features.get(neighbor.lane)?.id,
             from,
             to,
             other_from: neighbor.other[0],
             other_to: neighbor.other[1],
-            line: line.and_then(|b| Some(self.map.features.get(b.feature)?.kind.name())),
+            line: line.and_then(|b| Some(self.map().features.get(b.feature)?.kind.name())),
         })
     }
 
     fn boundary(&self, boundary: &Boundary) -> Option<ToldBoundary<'a>> {
-        let feature = self.map.features.get(boundary.feature)?;
+        let feature = self.map().features.get(boundary.feature)?;
         let [from, to] = boundary.own;
         Some(ToldBoundary { line: &feature.id, kind: feature.kind.name(), from, to })
     }

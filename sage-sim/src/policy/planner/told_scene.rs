@@ -122,7 +122,7 @@ impl ToldScene {
 
     /// The features of the map near the route, which serialise as those of the protocol.
     pub fn map(&self) -> impl Serialize {
-        Features { map: self.scene.index().map(), route: &self.route, radius: self.asks.radius }
+        Features { index: self.scene.index(), route: &self.route, radius: self.asks.radius }
     }
 
     /// Lights on the route.

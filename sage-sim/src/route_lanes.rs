@@ -22,8 +22,9 @@ const ANGLE_COST: f64 = 4.0;
 const FOLLOWS: f64 = 0.2;
 const BESIDE: f64 = 6.0;
 const JUMPS: f64 = 60.0;
-/// Most candidates of a sample.
+/// Most candidates of a sample, and most links of a lane on each side that are followed.
 const MOST_CANDIDATES: usize = 16;
+const MOST_LINKS: usize = 64;
 
 /// A lane that a sample may lie on.
 struct Candidate {
@@ -81,12 +82,11 @@ fn candidates(index: &SceneIndex, point: Point, heading: f64) -> Vec<Candidate> 
             continue;
         }
         let cost = distance * distance + ANGLE_COST * (1.0 - angle.cos());
-        let lane = segment.feature as usize;
-        match found.iter_mut().find(|other| other.lane == lane) {
-            Some(other) => other.cost = other.cost.min(cost),
-            None => found.push(Candidate { lane, cost, before: 0 }),
-        }
+        found.push(Candidate { lane: segment.feature as usize, cost, before: 0 });
     }
+    // Each lane once, by its nearest segment.
+    found.sort_by(|a, b| a.lane.cmp(&b.lane).then(a.cost.total_cmp(&b.cost)));
+    found.dedup_by_key(|candidate| candidate.lane);
     found.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.lane.cmp(&b.lane)));
     found.truncate(MOST_CANDIDATES);
     found
@@ -95,10 +95,17 @@ fn candidates(index: &SceneIndex, point: Point, heading: f64) -> Vec<Candidate> 
 /// Cost of a lane after another, m².
 fn transition(map: &Map, from: usize, to: usize) -> f64 {
     let lane = |k: usize| map.features.get(k).and_then(|feature| feature.lane.as_deref());
-    let leads = |a: Option<&Lane>, b: usize| a.is_some_and(|lane| lane.exits.contains(&b));
-    let is_entry = |a: Option<&Lane>, b: usize| a.is_some_and(|lane| lane.entries.contains(&b));
+    let leads = |a: Option<&Lane>, b: usize| {
+        a.is_some_and(|lane| lane.exits.iter().take(MOST_LINKS).any(|k| *k == b))
+    };
+    let is_entry = |a: Option<&Lane>, b: usize| {
+        a.is_some_and(|lane| lane.entries.iter().take(MOST_LINKS).any(|k| *k == b))
+    };
     let is_beside = |a: Option<&Lane>, b: usize| {
-        a.is_some_and(|lane| lane.neighbors.iter().flatten().any(|beside| beside.lane == b))
+        let neighbors = |lane: &Lane| {
+            lane.neighbors.each_ref().map(|side| side.iter().take(MOST_LINKS).any(|n| n.lane == b))
+        };
+        a.is_some_and(|lane| neighbors(lane).contains(&true))
     };
     if from == to {
         0.0

@@ -129,7 +129,9 @@ fn a_plan_is_followed_in_each_way_that_the_planner_offers() {
     let beside = driven(&scene, &*by("beside", None, LATE).unwrap()).unwrap();
     assert_eq!(beside.distances_to_plan(90).len(), 90);
     assert!(beside.distances_to_plan(90).iter().any(|distance| *distance > 0.05));
-    let error = |argument, follow| driven(&scene, &*by(argument, Some(follow), LATE).unwrap()).unwrap_err().to_string();
+    let error = |argument, follow| {
+        driven(&scene, &*by(argument, Some(follow), LATE).unwrap()).unwrap_err().to_string()
+    };
     let said = error("jumps", "exact");
     assert!(said.contains("beyond the car: speed along the way there 50.00 m/s"), "{said}");
     let said = error("", "mpc");
@@ -191,7 +193,10 @@ fn a_planner_is_told_lanes_with_their_widths_neighbours_and_bounds() {
             let neighbors = lane["neighbors"][side].as_array().unwrap();
             assert_eq!(neighbors.len(), lane[side].as_array().unwrap().len());
             for stretch in neighbors.iter().chain(lane["boundaries"][side].as_array().unwrap()) {
-                assert!(stretch["from"].as_u64() <= stretch["to"].as_u64() && (stretch["to"].as_u64().unwrap() as usize) < points);
+                assert!(
+                    stretch["from"].as_u64() <= stretch["to"].as_u64()
+                        && (stretch["to"].as_u64().unwrap() as usize) < points
+                );
             }
         }
     }

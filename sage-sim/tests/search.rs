@@ -18,7 +18,7 @@ use sage_core::{
 use sage_sim::{
     Error, SimScene,
     attack_test::AttackTest,
-    policy::{Driver, EgoPolicy, Start, View, policies},
+    policy::{Driver, EgoPolicy, OtherWay, Start, View, policies},
     search::{
         AttackedPath, Clause, Evaluated, Order, PlanDrives, Pool, Reason, Requirement, SearchOptions,
         SearchResult, search,
@@ -92,6 +92,51 @@ fn searched_with(name: &str, options: &SearchOptions, seed: u64) -> (Pool, Searc
 
 fn until(clause: Clause) -> Requirement {
     Requirement::of(&Clause::ALL.into_iter().take_while(|c| *c <= clause).collect::<Vec<_>>())
+}
+
+/// A driver that keeps its speed, and offers to brake fully instead.
+struct KeepsOrBrakes(Box<dyn EgoPolicy>);
+
+impl EgoPolicy for KeepsOrBrakes {
+    fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
+        self.0.start(start)
+    }
+
+    fn other_ways(&self) -> Result<Vec<OtherWay>, Error> {
+        let policy = policies()?.build("constant", &serde_json::json!({"throttle": -1}))?;
+        Ok(vec![OtherWay { name: "braking".to_owned(), policy }])
+    }
+}
+
+#[test]
+fn a_failure_holds_if_it_is_one_in_every_variant_of_the_drive() {
+    let options = SearchOptions { require: "attack,believable".parse().unwrap(), ..SearchOptions::default() };
+    let holding =
+        SearchOptions { require: "attack,believable,holds".parse().unwrap(), refine: 0.0, ..options };
+    let (_, all) = searched("constant-speed", &SearchOptions { refine: 0.0, ..options });
+    let (_, held) = searched("constant-speed", &holding);
+    assert!(
+        !all.failures.is_empty() && all.driven.len() == held.driven.len(),
+        "variants are no drives of the budget"
+    );
+    for evaluated in held.driven.iter().filter(|evaluated| evaluated.clauses.believable == Some(true)) {
+        let names: Vec<&str> = evaluated.variations.iter().map(|variation| &*variation.variant).collect();
+        assert_eq!(names, ["0.1 m ahead", "0.1 m/s faster", "another seed"]);
+        let holds = evaluated.variations.iter().all(|variation| variation.missing.is_none());
+        assert_eq!(evaluated.clauses.holds, Some(holds));
+    }
+    assert!(!held.failures.is_empty());
+    // Who brakes fully is elsewhere when the other car comes.
+    let (simulated, driver) = (overtaken(), KeepsOrBrakes(policy("constant-speed")));
+    let test = AttackTest::new(&driver, &simulated, 0).unwrap();
+    let ctx = test.context().unwrap();
+    let mut pool = Pool::new(&ctx, &Anything, vec![plans()], 256);
+    let result = search(&test, &ctx, &Anything, &mut pool, &holding, 0, None).unwrap();
+    assert!(result.failures.is_empty());
+    assert_eq!(result.reason, Some(Reason::NotInEveryVariant));
+    let failed = result.driven.iter().find(|evaluated| !evaluated.variations.is_empty()).unwrap();
+    assert_eq!(failed.variations[0].variant, "followed by `braking`");
+    assert!(failed.variations[0].missing.is_some());
 }
 
 #[test]

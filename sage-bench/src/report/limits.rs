@@ -163,7 +163,8 @@ pub fn verdict_of(folder: &Path, driver: &str) -> Result<String> {
     let read = files::read(&path, MAX_VERDICTS);
     let text = read.with_context(|| format!("`{}` is no folder of `sage bench admit`", folder.display()))?;
     let mut rows = csv::Reader::from_reader(&text[..]);
-    let mut found = rows.records().filter_map(std::result::Result::ok).filter(|row| row.get(1) == Some("all"));
+    let mut found =
+        rows.records().filter_map(std::result::Result::ok).filter(|row| row.get(1) == Some("all"));
     let of_driver = found.find(|row| row.get(0).is_some_and(|cell| unquoted(cell) == driver));
     let verdict = of_driver.and_then(|row| Some(row.get(5)?.to_owned()));
     verdict.with_context(|| {

@@ -191,16 +191,28 @@ impl<'t> Evaluator<'t> {
             evaluated.references = prevention.answers;
         }
         if self.requirement.holds(Clause::Holds) && evaluated.clauses.meet(self.requirement.without_holds()) {
-            let options = SearchOptions {
-                require: self.requirement,
-                avoidable: self.search,
-                ..SearchOptions::default()
-            };
-            evaluated.variations = self.variants()?.of(self.test, plan, &options);
+            evaluated.variations = self.variations(plan)?;
             let holds = evaluated.variations.iter().all(|variation| variation.missing.is_none());
             evaluated.clauses.holds = Some(holds);
         }
         Ok(evaluated)
+    }
+
+    /// What becomes of a failure in each variant of the drive.
+    fn variations(&self, plan: &PoolPlan) -> Result<Vec<Variation>, Error> {
+        let requirement = self.requirement.without_holds();
+        let tests = self.variants()?.tests(self.test);
+        let variation = |(name, varied): (&str, Option<(AttackTest, &Context)>)| {
+            let missing = match varied {
+                Some((test, ctx)) => {
+                    let evaluator = Evaluator::new(&test, ctx, requirement, self.search);
+                    evaluator.driven(plan).missing(requirement)
+                }
+                None => Some(Reason::Error),
+            };
+            Variation { variant: name.to_owned(), missing }
+        };
+        Ok(tests.map(variation).collect())
     }
 
     fn variants(&self) -> Result<&Variants, Error> {

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use sage_core::objective::Context;
 use serde::{Deserialize, Serialize};
 
-use super::{PoolPlan, Reason, SearchOptions, evaluation::Evaluator};
+use super::Reason;
 use crate::{
     Error,
     attack_test::AttackTest,
@@ -63,13 +63,20 @@ impl Variants {
         Ok(Self(all))
     }
 
-    /// What becomes of a plan's failure in each variant. `options` say what makes it one, apart from this.
-    pub(super) fn of(&self, test: &AttackTest, plan: &PoolPlan, options: &SearchOptions) -> Vec<Variation> {
-        let of = |variant: &Variant| Variation {
-            variant: variant.name.clone(),
-            missing: variant.missing(test, plan, options),
-        };
-        self.0.iter().map(of).collect()
+    /// Each variant with its name, its test and the context of its drive without the attack; `None` if there is no such drive, which
+    /// is the same for all plans.
+    pub(super) fn tests<'v>(
+        &'v self,
+        test: &'v AttackTest,
+    ) -> impl Iterator<Item = (&'v str, Option<(AttackTest<'v>, &'v Context)>)> {
+        self.0.iter().map(move |variant| {
+            let policy = variant.policy.as_deref().unwrap_or(test.policy());
+            let known = variant.unattacked.as_ref().ok();
+            let varied = known.map(|(unattacked, ctx)| {
+                (test.varied(policy, &variant.scene, variant.seed, unattacked.clone()), ctx)
+            });
+            (&*variant.name, varied)
+        })
     }
 }
 
@@ -85,15 +92,6 @@ impl Variant {
         let unattacked = AttackTest::new(driver, &scene, seed);
         let unattacked = unattacked.and_then(|test| Ok((test.unattacked().clone(), test.context()?)));
         Self { name, policy, scene, seed, unattacked }
-    }
-
-    /// Why a plan is no failure here; `None` if it is one.
-    fn missing(&self, test: &AttackTest, plan: &PoolPlan, options: &SearchOptions) -> Option<Reason> {
-        let Ok((unattacked, ctx)) = &self.unattacked else { return Some(Reason::Error) };
-        let policy = self.policy.as_deref().unwrap_or(test.policy());
-        let test = test.varied(policy, &self.scene, self.seed, unattacked.clone());
-        let evaluator = Evaluator::new(&test, ctx, options.require.without_holds(), options.avoidable);
-        evaluator.driven(plan).missing(options.require.without_holds())
     }
 }
 

@@ -27,7 +27,10 @@ pub(super) fn say(folder: Option<&Path>, driver: &DriverSpec) -> Result<()> {
             "warning: `{name}` was refused by `sage bench admit` (`{}`): what it fails at says little",
             folder.display()
         )),
-        _ => progress::say(&format!("warning: whether `{name}` is admitted cannot be told yet (`{}`)", folder.display())),
+        _ => progress::say(&format!(
+            "warning: whether `{name}` is admitted cannot be told yet (`{}`)",
+            folder.display()
+        )),
     }
     Ok(())
 }

@@ -423,11 +423,11 @@ impl ProcessDriver {
         let (mut log, mut is_late) = (PlannerLog::default(), false);
         if let Some(Planner { program, log: own, .. }) = self.planner.take() {
             is_late = program.is_late();
-            if is_late {
-                own.note(b"sage: no answer in time; the program is ended, and the drive begun once more");
-            }
             drop(program);
             log = PlannerLog::of(own.path(), own.last_lines(self.first_byte));
+            if is_late {
+                own.note(b"sage: no answer in time; the program is ended");
+            }
             own.limit();
             self.shared.state().logs.push(own);
         }

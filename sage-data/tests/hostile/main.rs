@@ -19,7 +19,7 @@ use std::{
 };
 
 use mutants::{
-    Format,
+    Format, Mutant,
     formats::lines,
     programs::{self, Program},
     tables::changed,
@@ -121,13 +121,19 @@ fn programs_are_refused_or_values() {
     }
 }
 
-/// Random damage, and that both results occur, or it would be too one-sided.
+/// Random damage, and that both results occur, or it would be too one-sided. `SAGE_MUTANTS` asks for another number of files.
 fn damage(format: &Format, count: u64) {
+    damage_as(format, count, |mutant| format.read(mutant).0);
+}
+
+/// The same for files that `is_scene` reads.
+fn damage_as(format: &Format, count: u64, is_scene: impl Fn(&Mutant) -> bool) {
     let _turn = turn();
+    let count = std::env::var("SAGE_MUTANTS").map_or(count, |text| text.parse().unwrap());
     let mut scenes = 0;
     for number in 0..count {
         let mutant = format.mutant(number);
-        scenes += u64::from(limited(mutant.bytes.len() + (128 << 20), || format.read(&mutant)).0);
+        scenes += u64::from(limited(mutant.bytes.len() + (128 << 20), || is_scene(&mutant)));
     }
     let refused = count - scenes;
     assert!(

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use argoverse::{ID, Row, Shape, map, parquet, rows, write};
 use sage_data::Recording;
 
-use super::{assert_table, damage, error_of, limited, mutants, turn};
+use super::{assert_table, damage, damage_as, error_of, limited, mutants, turn};
 use mutants::{Format, formats, formats::lines, tables::changed};
 
 /// A folder with a whole scenario and its map.
@@ -99,4 +99,25 @@ fn broken_bytes_of_parquet_are_errors_or_scenes() {
         };
         damage(&format, 1500);
     }
+}
+
+#[test]
+fn broken_maps_beside_a_scenario_are_errors_or_scenes() {
+    let text = map().to_string();
+    let (_folder, file) = scenario(&text);
+    let beside = file.with_file_name(format!("log_map_archive_{ID}.json"));
+    assert!(beside.is_file());
+    let format = Format {
+        name: "map of a scenario",
+        path: "map.json",
+        bases: vec![text.into_bytes()],
+        inside: |_| None,
+        around: formats::joined,
+        made: None,
+    };
+    damage_as(&format, 1500, |mutant| {
+        std::fs::write(&beside, &mutant.bytes).unwrap();
+        let file = file.as_path();
+        std::panic::catch_unwind(|| Recording::read(file).is_ok()).unwrap()
+    });
 }

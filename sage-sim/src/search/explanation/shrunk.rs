@@ -36,7 +36,7 @@ pub struct Shrunk {
 
 /// A plan that was tried.
 enum Tried {
-    Fails(Trajectory, Evaluated),
+    Fails(Trajectory, Box<Evaluated>),
     Passes(Reason),
 }
 
@@ -65,7 +65,7 @@ pub(super) fn shrink(
         let evaluated = evaluator.driven(&plan);
         Some(match evaluated.missing(evaluator.requirement()) {
             Some(reason) => Tried::Passes(reason),
-            None => Tried::Fails(trajectory, evaluated),
+            None => Tried::Fails(trajectory, Box::new(evaluated)),
         })
     };
     let mut found = (1.0, whole.clone(), failure.clone());
@@ -73,7 +73,7 @@ pub(super) fn shrink(
     let mut next = A_LITTLE_LESS;
     for _ in 0..=BISECTIONS {
         match attempt(next)? {
-            Tried::Fails(trajectory, evaluated) => found = (next, trajectory, evaluated),
+            Tried::Fails(trajectory, evaluated) => found = (next, trajectory, *evaluated),
             Tried::Passes(reason) => (passes, why) = (next, Some(reason)),
         }
         if passes >= A_LITTLE_LESS {

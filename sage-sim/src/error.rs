@@ -124,14 +124,14 @@ pub struct PlannerLog {
     /// The file that holds all of it, as messages name it; empty for a temporary one.
     pub file: String,
     /// Its last lines.
-    pub lines: Vec<String>,
+    pub lines: Box<[String]>,
 }
 
 impl PlannerLog {
     /// A log of a path and its last lines.
     #[cfg(unix)]
     pub(crate) fn of(path: Option<&Path>, lines: Vec<String>) -> Self {
-        Self { file: path.map(|path| path.display().to_string()).unwrap_or_default(), lines }
+        Self { file: path.map(|path| path.display().to_string()).unwrap_or_default(), lines: lines.into() }
     }
 }
 

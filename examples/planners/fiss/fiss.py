@@ -20,20 +20,12 @@ import numpy as np
 
 LANES = ("LANE_SURFACE_STREET", "LANE_FREEWAY", "LANE_SURFACE_UNSTRUCTURE")
 HALF_LANE, NARROWEST, WIDEST = 1.75, 1.4, 2.2
-REACH, MARGIN, STEP = 120.0, 0.2, 0.1
-POSES = 40
-#: Horizon of predictions, seconds: the longest plan, and half a second.
-BEYOND = 0.5
+REACH, MARGIN, STEP, POSES = 120.0, 0.2, 0.1, 40
 
 
 def line_type(name):
-    if name is None:
-        return fp.LineType.UNKNOWN
-    if "EDGE" in name:
-        return fp.LineType.ROAD_EDGE
-    if "SOLID" in name:
-        return fp.LineType.SOLID
-    return fp.LineType.DASHED if "BROKEN" in name else fp.LineType.UNKNOWN
+    types = {"EDGE": fp.LineType.ROAD_EDGE, "SOLID": fp.LineType.SOLID, "BROKEN": fp.LineType.DASHED}
+    return next((types[word] for word in types if word in (name or "")), fp.LineType.UNKNOWN)
 
 
 def longest(stretches):
@@ -42,10 +34,8 @@ def longest(stretches):
 
 def map_lane(feature, numbers):
     """A lane of the scene as FISS+ has it."""
-    lane = fp.MapLane()
-    lane.id = numbers[feature["id"]]
-    centre = np.array(feature["points"], dtype=float)[:, :2]
-    way = np.gradient(centre, axis=0)
+    lane, centre = fp.MapLane(), np.array(feature["points"], dtype=float)[:, :2]
+    lane.id, way = numbers[feature["id"]], np.gradient(centre, axis=0)
     normal = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-9)[:, None]
     width = [[HALF_LANE if w is None else min(max(w, NARROWEST), WIDEST) for w in sides] for sides in feature["width"]]
     width = np.array(width)[:, :, None]
@@ -59,8 +49,7 @@ def map_lane(feature, numbers):
         beside = longest([n for n in feature["neighbors"][side] if n["lane"] in numbers])
         if beside is not None and 2 * (beside["to"] - beside["from"]) >= len(centre):
             setattr(lane, side + "_neighbor", numbers[beside["lane"]])
-            crossable = line_type(beside["line"]) not in (fp.LineType.SOLID, fp.LineType.ROAD_EDGE)
-            setattr(lane, "can_change_" + side, crossable)
+            setattr(lane, "can_change_" + side, line_type(beside["line"]) not in (fp.LineType.SOLID, fp.LineType.ROAD_EDGE))
     return lane
 
 
@@ -87,14 +76,11 @@ class FissPlus:
     follows = ("exact", "plan", "mpc")
 
     def __init__(self, options):
-        self.options = options
-        self.maps = {}
+        self.options, self.maps = options, {}
 
     def reset(self, scene, seed):
         if scene.id not in self.maps:
-            if len(self.maps) > 64:
-                self.maps.clear()
-            self.maps[scene.id] = road_map(scene)
+            self.maps = {scene.id: road_map(scene)}  # drives of a scene come one after another
         self.road, numbers = self.maps[scene.id]
         car, vehicle = scene.car, fp.VehicleParams()
         vehicle.length, vehicle.width = car.length, car.width
@@ -107,7 +93,7 @@ class FissPlus:
             for part in path:
                 target = getattr(target, part)
             setattr(target, last, fp.planner_type_from_string(value) if name == "planner.type" else ast.literal_eval(value))
-        self.horizon = config.planner.sampling.max_t + BEYOND
+        self.horizon = config.planner.sampling.max_t + 0.5
         self.planner = fp.LocalPlanner(config, vehicle)
         self.planner.set_map(self.road, [numbers[k] for k in scene.route_lanes if k in numbers])
         self.sharpest = math.tan(vehicle.max_steer) / vehicle.wheelbase
@@ -138,10 +124,8 @@ class FissPlus:
         kappa = ego.yaw_rate / speed if speed > 1.0 else 0.0
         acceleration = min(max(ego.acceleration, -8.0), 4.0)
         state = fp.EgoState(ego.x, ego.y, ego.heading, speed, acceleration, kappa)
-        lines = set(line.id for line in self.road.stop_lines)
-        for k, colour in enumerate(obs.all_lights):
-            if k in lines:
-                self.planner.set_stop_line_active(k, colour in ("red", "yellow"))
+        for line in self.road.stop_lines:
+            self.planner.set_stop_line_active(line.id, obs.all_lights[line.id] in ("red", "yellow"))
         near = [a for a in obs.agents if math.hypot(a.x - ego.x, a.y - ego.y) <= REACH]
         out = self.planner.step(obs.t, state, [self.obstacle(agent) for agent in near])
         flags = [name for name in ("emergency", "fallback", "degraded") if getattr(out, name)]

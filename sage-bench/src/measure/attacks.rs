@@ -93,13 +93,13 @@ pub struct Attacks {
     seed: u64,
 }
 
-/// The same driver once more; `None` if it fails.
-fn again(policy: &dyn EgoPolicy, scene: &Arc<SimScene>, test: &AttackTest, seed: u64) -> Option<Again> {
+/// The same driver once more; a drive that fails is not the same.
+fn again(policy: &dyn EgoPolicy, scene: &Arc<SimScene>, test: &AttackTest, seed: u64) -> Again {
     let times = Arc::<StepTimes>::default();
     let timed = Timed::new(policy, times.clone());
-    let second = AttackTest::new(&timed, scene, seed).ok()?;
-    let is_same = second.unattacked().motions == test.unattacked().motions;
-    Some(Again { is_same, step_time: times.mean() })
+    let second = AttackTest::new(&timed, scene, seed);
+    let is_same = second.is_ok_and(|second| second.unattacked().motions == test.unattacked().motions);
+    Again { is_same, step_time: times.mean() }
 }
 
 impl Attacks {
@@ -227,7 +227,7 @@ impl Attacks {
             if self.repeats_drives
                 && let Some((ego, Ok(simulated))) = driver
             {
-                drive.again = again(&*ego.policy, simulated, test, self.seed);
+                drive.again = Some(again(&*ego.policy, simulated, test, self.seed));
             }
             result.cells.push(cell(*key, &self.drives, &drive));
         }

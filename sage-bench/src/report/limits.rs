@@ -191,3 +191,46 @@ fn own_world(entry: &str) -> Result<(String, OwnWorld)> {
     let own = read().map_err(|error| Error::Value(format!("own world `{file}`: {error}")))?;
     Ok((arm.to_owned(), own))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_is_exceeded_where_the_whole_interval_is_beyond_it() {
+        let limit = |at_most, at_least| Limit { metric: "contact".to_owned(), at_most, at_least };
+        let verdict = |limit: &Limit, k: usize| Verdict::of(limit, &wilson(k, 30).unwrap());
+        let [most, least] = [limit(Some(0.1), None), limit(None, Some(0.9))];
+        assert_eq!(
+            [0, 4, 14].map(|k| verdict(&most, k)),
+            [Verdict::Kept, Verdict::CannotBeTold, Verdict::Exceeded]
+        );
+        assert_eq!(
+            [30, 26, 1].map(|k| verdict(&least, k)),
+            [Verdict::Kept, Verdict::CannotBeTold, Verdict::Exceeded]
+        );
+        assert_eq!((&*most.words(), &*least.words()), ("contact ≤ 0.1", "contact ≥ 0.9"));
+    }
+
+    #[test]
+    fn verdicts_and_own_worlds_are_read_from_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let rows = "driver,limit,value,low,high,verdict\nmine,contact,0,0,0.1,kept\nmine,all,,,,refused\n";
+        std::fs::write(folder.path().join(VERDICTS), rows).unwrap();
+        assert_eq!(verdict_of(folder.path(), "mine").unwrap(), "refused");
+        assert!(
+            verdict_of(folder.path(), "other").unwrap_err().to_string().contains("no verdict on `other`")
+        );
+        assert!(verdict_of(&folder.path().join("none"), "mine").is_err());
+        let file = folder.path().join("own.json");
+        let entry = format!("mine={}", file.display());
+        for (scenes, succeeded, is_right) in [(30, 1, true), (30, 31, false), (0, 0, false)] {
+            let text = format!(
+                r#"{{"simulator": "s", "success": "reaches its goal", "scenes": {scenes}, "succeeded": {succeeded}}}"#
+            );
+            std::fs::write(&file, text).unwrap();
+            assert_eq!(own_world(&entry).is_ok(), is_right, "{scenes} {succeeded}");
+        }
+        assert!(own_world("no file").is_err());
+    }
+}

@@ -236,8 +236,13 @@ fn adapters_work_with_the_packages_that_are_there() {
     let mut pythons = vec!["python3".to_owned()];
     pythons.extend(std::env::var("SAGE_METADRIVE_PYTHON"));
     for python in pythons {
-        for file in ["examples/planners/test_adapters.py", "examples/planners/fiss/test_fiss.py"] {
-            let file = of_project(file);
+        for file in [
+            "test_adapters.py",
+            "fiss/test_fiss.py",
+            "openpilot/test_openpilot.py",
+            "pufferdrive/test_pufferdrive.py",
+        ] {
+            let file = of_project(&format!("examples/planners/{file}"));
             let output = Command::new(&python).arg(file).output().unwrap();
             eprintln!("{python}: {}", String::from_utf8_lossy(&output.stdout));
             assert!(output.status.success(), "{python}: {}", stderr(&output));

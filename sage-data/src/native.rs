@@ -65,6 +65,7 @@ enum Link {
     Exit,
     Neighbor(usize),
     Boundary(usize),
+    StopSign,
 }
 
 impl Link {
@@ -74,6 +75,7 @@ impl Link {
             Self::Exit => 1,
             Self::Neighbor(side) => 2 + side as i64,
             Self::Boundary(side) => 4 + side as i64,
+            Self::StopSign => 6,
         }
     }
 
@@ -83,6 +85,7 @@ impl Link {
             1 => Self::Exit,
             2 | 3 => Self::Neighbor((code - 2) as usize),
             4 | 5 => Self::Boundary((code - 4) as usize),
+            6 => Self::StopSign,
             _ => return None,
         })
     }

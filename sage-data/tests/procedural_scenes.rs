@@ -11,7 +11,7 @@ use sage_core::{
     geometry::{Point, cross, distance, sub, wrap_angle},
     motion::{NOW, Trajectory},
     objective::{Context, ContextOptions, Scorer},
-    scene::{MapKind, Scene, SceneIndex, TrackKind},
+    scene::{MapFeature, MapKind, Scene, SceneIndex, TrackKind},
     statistics::{mean, median, quantile},
 };
 use sage_data::{
@@ -42,6 +42,31 @@ fn every_scene_passes_the_checks_of_recorded_scenes_in_both_formats() {
         }
         let warnings = Summary::of("procedural", &scene).warnings;
         assert!(warnings.is_empty(), "{}: {warnings:?}", scene.id);
+    }
+}
+
+#[test]
+fn a_stop_sign_names_its_lanes_in_both_formats() {
+    let mut scene = procedural::generate(Kind::FourWay, 7, 0).unwrap();
+    let map = Arc::make_mut(&mut scene.map);
+    let first = map.points.len();
+    map.points.push([1.0, 2.0, 0.0]);
+    let (kind, points) = (MapKind::StopSign, first..first + 1);
+    // Before all others by its name, so all indices move.
+    map.features.push(MapFeature { id: "!".into(), kind, points, lane: None });
+    let sign = map.features.len() - 1;
+    let mut lanes = map.features.iter_mut().filter_map(|feature| feature.lane.as_deref_mut());
+    lanes.next().unwrap().stop_signs.push(sign);
+    lanes.next().unwrap().stop_signs.push(sign);
+    let recording = Recording::procedural(scene);
+    for bytes in [recording.to_pickle().unwrap(), recording.to_native().unwrap()] {
+        let read = Recording::from_bytes(Path::new("signs"), bytes).unwrap().scene;
+        let features = &read.map.features;
+        let sign = features.iter().position(|feature| feature.kind == MapKind::StopSign).unwrap();
+        let signed = features
+            .iter()
+            .filter(|feature| feature.lane.as_deref().is_some_and(|lane| lane.stop_signs == [sign]));
+        assert_eq!(signed.count(), 2);
     }
 }
 

@@ -241,7 +241,7 @@ impl PyScene {
     }
 
     /// The map: a list of dictionaries with `id`, `type`, `points` (rows of `map_points`), and for lanes `speed_limit`
-    /// (m/s or None), `entries`, `exits`, `left`, `right` (ids).
+    /// (m/s or None), `entries`, `exits`, `left`, `right`, `stop_signs` (ids).
     #[getter]
     fn map_features<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let map = &self.scene().map;
@@ -261,6 +261,7 @@ impl PyScene {
                 dict.set_item("speed_limit", lane.speed_limit)?;
                 dict.set_item("entries", ids(&mut lane.entries.iter().copied()))?;
                 dict.set_item("exits", ids(&mut lane.exits.iter().copied()))?;
+                dict.set_item("stop_signs", ids(&mut lane.stop_signs.iter().copied()))?;
                 for (side, name) in ["left", "right"].into_iter().enumerate() {
                     dict.set_item(name, ids(&mut lane.neighbors[side].iter().map(|n| n.lane)))?;
                 }

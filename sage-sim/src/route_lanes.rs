@@ -4,7 +4,7 @@
 //! sequence of them costs their distances and angles, and more where one lane does not lead to the next.
 
 use sage_core::{
-    geometry::{Aabb, Point, norm, sub, wrap_angle},
+    geometry::{Aabb, Point, Segment, norm, sub, wrap_angle},
     scene::{Lane, Map, SceneIndex},
 };
 
@@ -70,20 +70,44 @@ pub fn route_lanes(route: &Route, index: &SceneIndex) -> Vec<usize> {
     lanes
 }
 
+/// A lane near a point.
+pub(crate) struct NearLane {
+    /// Index into [`Map::features`].
+    pub lane: usize,
+    /// Distance of a segment of it, metres.
+    pub distance: f64,
+    /// Angle of that segment to a direction, rad, in [0, π].
+    pub angle: f64,
+}
+
+/// The segments of lanes within some metres of a point, with their angles to a direction.
+pub(crate) fn lanes_near(
+    index: &SceneIndex,
+    point: Point,
+    heading: f64,
+    reach: f64,
+) -> impl Iterator<Item = NearLane> {
+    let lanes = index.motor_lanes();
+    let near = lanes.near(&Aabb::of([point]).grown(reach)).flatten().map(|k| &lanes.segments()[k]);
+    let lane = move |segment: &Segment| {
+        let way = sub(segment.b, segment.a);
+        NearLane {
+            lane: segment.feature as usize,
+            distance: norm(sub(segment.at(segment.nearest_share(point)), point)),
+            angle: wrap_angle(way[1].atan2(way[0]) - heading).abs(),
+        }
+    };
+    near.map(lane).filter(move |lane| lane.distance <= reach)
+}
+
 /// The lanes near a point that lead in a direction.
 fn candidates(index: &SceneIndex, point: Point, heading: f64) -> Vec<Candidate> {
-    let lanes = index.motor_lanes();
-    let mut found: Vec<Candidate> = Vec::new();
-    for segment in lanes.near(&Aabb::of([point]).grown(REACH)).flatten().map(|k| &lanes.segments()[k]) {
-        let distance = norm(sub(segment.at(segment.nearest_share(point)), point));
-        let way = sub(segment.b, segment.a);
-        let angle = wrap_angle(way[1].atan2(way[0]) - heading).abs();
-        if distance > REACH || angle > LARGEST_ANGLE {
-            continue;
-        }
-        let cost = distance * distance + ANGLE_COST * (1.0 - angle.cos());
-        found.push(Candidate { lane: segment.feature as usize, cost, before: 0 });
-    }
+    let near = lanes_near(index, point, heading, REACH).filter(|near| near.angle <= LARGEST_ANGLE);
+    let candidate = |near: NearLane| {
+        let cost = near.distance * near.distance + ANGLE_COST * (1.0 - near.angle.cos());
+        Candidate { lane: near.lane, cost, before: 0 }
+    };
+    let mut found: Vec<Candidate> = near.map(candidate).collect();
     // Each lane once, by its nearest segment.
     found.sort_by(|a, b| a.lane.cmp(&b.lane).then(a.cost.total_cmp(&b.cost)));
     found.dedup_by_key(|candidate| candidate.lane);

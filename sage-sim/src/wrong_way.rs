@@ -2,12 +2,10 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use sage_core::{
-    geometry::{Aabb, norm, sub, wrap_angle},
-    scene::SceneIndex,
-};
+use sage_core::scene::SceneIndex;
 
 use crate::{
+    route_lanes::lanes_near,
     scene::{LAST_FRAME, SimScene},
     vehicle::Motion,
 };
@@ -36,22 +34,13 @@ pub(crate) fn is_wrong_way(motions: &[Motion], scene: &SimScene) -> Option<bool>
 
 /// Whether a car drives against every lane within 2.5 m for half a second; `None` on a map without lanes.
 fn is_against_lanes(motions: &[Motion], index: &SceneIndex) -> Option<bool> {
-    let lanes = index.motor_lanes();
-    if lanes.segments().is_empty() {
+    if index.motor_lanes().segments().is_empty() {
         return None;
     }
     let is_against = |motion: &Motion| {
-        let bounds = Aabb::of([motion.position]).grown(REACH);
-        let near = lanes.near(&bounds).flatten();
-        let near = near.map(|k| &lanes.segments()[k]).filter(|segment| {
-            norm(sub(segment.at(segment.nearest_share(motion.position)), motion.position)) <= REACH
-        });
-        let mut angles = near.map(|segment| {
-            let way = sub(segment.b, segment.a);
-            wrap_angle(way[1].atan2(way[0]) - motion.heading).abs()
-        });
-        let first = angles.next();
-        first.is_some_and(|first| first > FRAC_PI_2 && angles.all(|angle| angle > FRAC_PI_2))
+        let mut near = lanes_near(index, motion.position, motion.heading, REACH).map(|lane| lane.angle);
+        let first = near.next();
+        first.is_some_and(|first| first > FRAC_PI_2 && near.all(|angle| angle > FRAC_PI_2))
     };
     let against: Vec<bool> =
         motions.iter().map(|motion| motion.speed() >= MOVES && is_against(motion)).collect();

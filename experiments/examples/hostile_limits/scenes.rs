@@ -165,6 +165,7 @@ fn empty_lane() -> Box<Lane> {
         exits: Vec::new(),
         neighbors: Default::default(),
         boundaries: Default::default(),
+        stop_signs: Vec::new(),
         width: Vec::new(),
     })
 }

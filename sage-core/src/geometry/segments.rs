@@ -164,7 +164,7 @@ impl SegmentIndex {
     }
 
     /// Runs of segments whose bounds meet `bounds`.
-    pub fn near(&self, bounds: &Aabb) -> impl Iterator<Item = Range<usize>> {
+    pub fn near<'a>(&'a self, bounds: &Aabb) -> impl Iterator<Item = Range<usize>> + use<'a> {
         let bounds = bounds.to_parry();
         let mut leaves: Vec<u32> =
             if self.runs.is_empty() { Vec::new() } else { self.tree.intersect_aabb(&bounds).collect() };

@@ -153,6 +153,8 @@ pub struct Lane {
     pub neighbors: [Vec<Neighbor>; 2],
     /// Boundaries on the left and on the right.
     pub boundaries: [Vec<Boundary>; 2],
+    /// Stop signs that hold for it (indices into [`Map::features`]).
+    pub stop_signs: Vec<usize>,
     /// Width to the left and to the right per point, metres; empty if unknown.
     pub width: Vec<[f64; 2]>,
 }

@@ -33,7 +33,7 @@ impl Map {
             if let Some(lane) = feature.lane.as_deref_mut() {
                 let neighbors = lane.neighbors.iter_mut().flatten().map(|neighbor| &mut neighbor.lane);
                 let boundaries = lane.boundaries.iter_mut().flatten().map(|boundary| &mut boundary.feature);
-                let links = lane.entries.iter_mut().chain(&mut lane.exits);
+                let links = lane.entries.iter_mut().chain(&mut lane.exits).chain(&mut lane.stop_signs);
                 for link in links.chain(neighbors).chain(boundaries) {
                     // A link to nothing stays one.
                     *link = place.get(*link).copied().unwrap_or(*link);
@@ -85,6 +85,7 @@ mod tests {
                 let lane = Lane {
                     entries: vec![other],
                     exits: vec![place(name), other],
+                    stop_signs: vec![other],
                     neighbors: [vec![Neighbor { lane: other, own: [0, 0], other: [0, 0] }], Vec::new()],
                     boundaries: [Vec::new(), vec![Boundary { feature: other, own: [0, 0] }]],
                     ..Lane::default()

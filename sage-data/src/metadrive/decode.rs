@@ -200,7 +200,7 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<Note>) -> Result<Map, Error> {
         return Err(fields.error(&root, "an id that occurs twice", "one feature per id"));
     }
     let links = Links { fields, index, odd_limits: Cell::new(0), odd_widths: Cell::new(0) };
-    let lanes: Vec<Option<Box<Lane>>> = entries
+    let mut lanes: Vec<Option<Box<Lane>>> = entries
         .iter()
         .zip(&map.features)
         .map(|((_, value), feature)| match feature.kind.is_lane() {
@@ -208,6 +208,13 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<Note>) -> Result<Map, Error> {
             false => Ok(None),
         })
         .collect::<Result<_, Error>>()?;
+    for (sign, ((_, value), feature)) in entries.iter().zip(&map.features).enumerate() {
+        if feature.kind == MapKind::StopSign {
+            for lane in links.ids(*value, "lane", &root.key(&feature.id))? {
+                lanes[lane].iter_mut().for_each(|lane| lane.stop_signs.push(sign));
+            }
+        }
+    }
     for (count, what) in [(&links.odd_limits, "speed limits"), (&links.odd_widths, "widths")] {
         if count.get() > 0 {
             let text =
@@ -311,6 +318,7 @@ impl Links<'_, '_> {
                 self.boundaries(id, BOUNDARIES[0], field)?,
                 self.boundaries(id, BOUNDARIES[1], field)?,
             ],
+            stop_signs: Vec::new(),
             width,
         })
     }

@@ -1,6 +1,8 @@
 //! A MetaDrive file for a scene without a source.
 
-use sage_core::scene::{Boundary, LightState, Map, MapFeature, Neighbor, Scene, Track};
+use std::collections::BTreeMap;
+
+use sage_core::scene::{Boundary, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track};
 
 use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node};
 
@@ -39,8 +41,19 @@ pub(crate) fn fresh(scene: &Scene) -> Document {
             (light.lane.clone(), builder.dict(entries))
         })
         .collect();
-    let features =
-        scene.map.features.iter().map(|f| (f.id.clone(), builder.feature(&scene.map, f))).collect::<Vec<_>>();
+    let mut signs: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
+    for lane_feature in &scene.map.features {
+        for sign in lane_feature.lane.iter().flat_map(|lane| &lane.stop_signs) {
+            signs.entry(*sign).or_default().push(&lane_feature.id);
+        }
+    }
+    let features = scene.map.features.iter().enumerate();
+    let features = features
+        .map(|(k, feature)| {
+            let lanes = signs.get(&k).map_or(&[][..], Vec::as_slice);
+            (feature.id.clone(), builder.feature(&scene.map, feature, lanes))
+        })
+        .collect::<Vec<_>>();
     let metadata = builder.metadata(scene);
     let (tracks, lights, features) = (builder.named(tracks), builder.named(lights), builder.named(features));
     let (id, version) = (builder.text(&scene.id), builder.text("sage"));
@@ -126,7 +139,8 @@ impl Builder {
         }
     }
 
-    fn feature(&mut self, map: &Map, feature: &MapFeature) -> Id {
+    /// A feature; `signed` are the lanes of a stop sign.
+    fn feature(&mut self, map: &Map, feature: &MapFeature, signed: &[&str]) -> Id {
         let kind = self.text(feature.kind.name());
         let points = map.points_of(feature);
         let n = points.len();
@@ -139,6 +153,10 @@ impl Builder {
             };
             let shape: &[usize] = if key == "position" { &[3] } else { &[n, 3] };
             let points = self.floats(shape, points.iter().flatten().copied());
+            if feature.kind == MapKind::StopSign {
+                let lanes = self.texts(signed.iter().copied());
+                return self.dict([("type", kind), ("lane", lanes), (key, points)]);
+            }
             return self.dict([("type", kind), (key, points)]);
         };
         let polyline = self.floats(&[n, 3], points.iter().flatten().copied());

@@ -301,7 +301,7 @@ fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
     let mut map = Map { points, features };
     for row in file.integers::<7>("lane.links")? {
         let wrong = || {
-            let expected = "lane, link 0 to 5, feature, and two ranges of points that these have";
+            let expected = "lane, link 0 to 6, feature, and two ranges of points that these have";
             file.error("lane.links", format!("{row:?}"), expected)
         };
         let index = |k: usize| usize::try_from(row[k]).map_err(|_| wrong());
@@ -310,7 +310,7 @@ fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
         let link = Link::from_code(row[1]).ok_or_else(wrong)?;
         let is_there = other < map.features.len()
             && match link {
-                Link::Entry | Link::Exit => true,
+                Link::Entry | Link::Exit | Link::StopSign => true,
                 Link::Boundary(_) => map.has_points(own, own_range),
                 Link::Neighbor(_) => map.has_points(own, own_range) && map.has_points(other, other_range),
             };
@@ -319,6 +319,7 @@ fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
         match link {
             Link::Entry => lane.entries.push(other),
             Link::Exit => lane.exits.push(other),
+            Link::StopSign => lane.stop_signs.push(other),
             Link::Neighbor(side) => {
                 lane.neighbors[side].push(Neighbor { lane: other, own: own_range, other: other_range });
             }

@@ -123,7 +123,8 @@ fn links(scene: &Scene) -> Vec<i64> {
         rows.extend([other, own[0], own[1], range[0], range[1]].map(|x| x as i64));
     };
     for (k, feature) in scene.map.features.iter().enumerate() {
-        let Some(Lane { entries, exits, neighbors, boundaries, .. }) = feature.lane.as_deref() else {
+        let Some(Lane { entries, exits, neighbors, boundaries, stop_signs, .. }) = feature.lane.as_deref()
+        else {
             continue;
         };
         entries.iter().for_each(|other| row(k, Link::Entry, *other, [0; 2], [0; 2]));
@@ -132,6 +133,7 @@ fn links(scene: &Scene) -> Vec<i64> {
             neighbors[side].iter().for_each(|n| row(k, Link::Neighbor(side), n.lane, n.own, n.other));
             boundaries[side].iter().for_each(|b| row(k, Link::Boundary(side), b.feature, b.own, [0; 2]));
         }
+        stop_signs.iter().for_each(|other| row(k, Link::StopSign, *other, [0; 2], [0; 2]));
     }
     rows
 }

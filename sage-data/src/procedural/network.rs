@@ -311,6 +311,7 @@ impl Network {
                 exits: lane.exits.iter().map(|j| lanes[*j]).collect(),
                 neighbors: [neighbor(lane.sides[0]), neighbor(lane.sides[1])],
                 boundaries: [boundary(lane.bounds[0]), boundary(lane.bounds[1])],
+                stop_signs: Vec::new(),
                 width: vec![[half, half]; lane.points.len()],
             }));
         }

@@ -36,6 +36,7 @@ struct ToldLane<'a> {
     exits: Vec<&'a str>,
     left: Vec<&'a str>,
     right: Vec<&'a str>,
+    stop_signs: Vec<&'a str>,
     width: Vec<[Option<f64>; 2]>,
     neighbors: Sides<ToldNeighbor<'a>>,
     boundaries: Sides<ToldBoundary<'a>>,
@@ -66,6 +67,11 @@ struct ToldBoundary<'a> {
     kind: &'a str,
     from: usize,
     to: usize,
+}
+
+/// Widths are estimates: more digits would only make the message longer.
+fn to_centimetres(metres: f64) -> f64 {
+    (metres * 100.0).round() / 100.0
 }
 
 impl Serialize for Features<'_> {
@@ -123,7 +129,8 @@ impl<'a> Features<'a> {
             exits: ids(&lane.exits),
             left: beside(0),
             right: beside(1),
-            width: widths.iter().map(|sides| sides.map(|width| width.map(rounded))).collect(),
+            stop_signs: ids(&lane.stop_signs),
+            width: widths.iter().map(|sides| sides.map(|width| width.map(to_centimetres))).collect(),
             neighbors,
             boundaries: Sides { left, right },
         }

@@ -10,12 +10,12 @@ use serde::{Deserialize, Serialize};
 use super::deviation::{blended, difference_of_accelerations, recorded};
 use crate::search::{Clauses, Evaluated, Met, PoolPlan, Reason, evaluation::Evaluator};
 
-/// The shares that are tried until one fails: most failures are on the edge of a clause, but much less of them may be one again.
-const SHARES: [f64; 4] = [0.99, 0.8, 0.6, 0.4];
-/// Most shares that are tried, bisections below the one that fails included.
-const MOST_TRIED: usize = 6;
+/// The first share that is tried: most failures are on the edge of a clause.
+const A_LITTLE_LESS: f64 = 0.99;
+/// Bisections of the rest.
+const BISECTIONS: usize = 5;
 
-/// The smallest share of a plan's difference from the recording at which a failure was found.
+/// The smallest share of a plan's difference from the recording at which a bisection still finds a failure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shrunk {
     /// Share of the difference; 1 is the plan itself.
@@ -28,7 +28,7 @@ pub struct Shrunk {
     pub contact: Option<Met>,
     /// Answers to the clauses in that drive.
     pub clauses: Clauses,
-    /// How much less was no failure, as a share of the whole difference; `None` if the recording itself is next.
+    /// How much less was no failure any more, as a share of the whole difference; `None` if the recording itself is next.
     pub less: Option<f64>,
     /// Why it was none.
     pub less_is: Option<Reason>,
@@ -40,7 +40,7 @@ enum Tried {
     Passes(Reason),
 }
 
-/// Shrinks a failure in at most [`MOST_TRIED`] drives. `None` if the adversary is not recorded up to the contact. The
+/// Shrinks a failure: at most one drive and [`BISECTIONS`] more. `None` if the adversary is not recorded up to the contact. The
 /// number of drives is added to `drives`.
 pub(super) fn shrink(
     evaluator: &Evaluator,
@@ -69,24 +69,17 @@ pub(super) fn shrink(
         })
     };
     let mut found = (1.0, whole.clone(), failure.clone());
-    // The largest smaller share that is no failure.
     let (mut passes, mut why) = (0.0, None);
-    for tried in 0..MOST_TRIED {
-        let next = match SHARES.get(tried) {
-            _ if found.0 < 1.0 => 0.5 * (found.0 + passes),
-            Some(share) => *share,
-            None => break,
-        };
+    let mut next = A_LITTLE_LESS;
+    for _ in 0..=BISECTIONS {
         match attempt(next)? {
-            Tried::Fails(trajectory, evaluated) => {
-                found = (next, trajectory, *evaluated);
-                if passes > next {
-                    (passes, why) = (0.0, None);
-                }
-            }
-            Tried::Passes(reason) if next > passes => (passes, why) = (next, Some(reason)),
-            Tried::Passes(_) => {}
+            Tried::Fails(trajectory, evaluated) => found = (next, trajectory, *evaluated),
+            Tried::Passes(reason) => (passes, why) = (next, Some(reason)),
         }
+        if passes >= A_LITTLE_LESS {
+            break;
+        }
+        next = 0.5 * (found.0 + passes);
     }
     let (share, trajectory, evaluated) = found;
     let end = evaluated.contact.as_ref().and_then(|met| usize::try_from(met.step).ok()).unwrap_or(contact);

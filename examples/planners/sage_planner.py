@@ -16,7 +16,7 @@ A planner has `act(obs)` and may have `reset(scene, seed)`, which is called befo
 - a dict as the protocol has it, such as `{"acceleration": 1.0, "steering_angle": 0.02}` or `{"plan": rows, "again": 5}`; with
   `"follow": "exact"` the car takes the poses of a plan as they are.
 
-It may have `wants_goal = True`, to be told as `scene.goal` where its recording ends, and `follows = ("plan", "mpc")`, names of ways of following
+It may have `wants_goal = True`, to be told as `scene.goal` where its recording ends, and `follows = ("plan", "mpc")`, names of your own for ways of following
 its plans, of which `scene.follow` is the one to use.
 
 Units: metres, seconds, radians; positions in the frame of the scene. `docs/testing-a-driver.md` describes all fields.

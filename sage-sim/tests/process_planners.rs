@@ -178,7 +178,7 @@ fn a_planner_is_told_lanes_with_their_widths_neighbours_and_bounds() {
         policy.write_logs_to(folder.path());
         driven(&scene, &*policy).unwrap();
         let log = std::fs::read_to_string(folder.path().join("planner-1.log")).unwrap();
-        Some(serde_json::from_str(log.lines().next().unwrap()).unwrap())
+        Some(serde_json::from_str(log.lines().find(|line| line.starts_with('{')).unwrap()).unwrap())
     };
     let Some(reset) = told("") else { return };
     let lanes: Vec<&Value> =
@@ -227,7 +227,7 @@ fn what_a_planner_prints_before_it_says_hello_goes_to_its_log() {
         (driven(&scene, &*policy).unwrap(), driven(&scene, &*planner(&[&program, &file], LATE)));
     assert_eq!(printed.motions, plain.unwrap().motions);
     let log = std::fs::read_to_string(folder.path().join("planner-1.log")).unwrap();
-    assert_eq!(log, "Welcome to my planner 1.0\n[1, 2]\n");
+    assert_eq!(log, "Welcome to my planner 1.0\n[1, 2]\nsage: a drive in scene hand-made\n");
 }
 
 #[test]

@@ -115,7 +115,7 @@ pub(super) fn tables(study: &Study, results: &Results, all: &Estimates) -> Resul
     let mut rows = Vec::new();
     for method in methods {
         let arm = &results.keys[method].arm;
-        let (mut worst, mut cells) = (Verdict::Kept, Vec::new());
+        let (mut worst, mut cells, mut missed) = (Verdict::Kept, Vec::new(), Vec::new());
         let mut answer = |limit: &Limit, estimate: Option<Estimate>, shown: String| {
             let Some(estimate) = estimate else { return cells.push("-".to_owned()) };
             let verdict = Verdict::of(limit, &estimate);
@@ -123,9 +123,11 @@ pub(super) fn tables(study: &Study, results: &Results, all: &Estimates) -> Resul
             let numbers = [estimate.value, estimate.low, estimate.high].map(|x| x.to_string());
             let head = [arm.clone(), limit.metric.clone()];
             file.push(head.into_iter().chain(numbers).chain([verdict.words().to_owned()]).collect());
-            let mark =
-                if verdict == Verdict::Kept { String::new() } else { format!(": {}", verdict.words()) };
-            cells.push(shown + &mark);
+            if verdict == Verdict::Kept {
+                return cells.push(shown);
+            }
+            cells.push(format!("{shown}: {}", verdict.words()));
+            missed.push(limit.metric.clone());
         };
         for (metric, limit) in &columns {
             let (_, estimate) = all.get(method, *metric);
@@ -149,7 +151,8 @@ pub(super) fn tables(study: &Study, results: &Results, all: &Estimates) -> Resul
         file.push(
             [arm.clone(), "all".to_owned()].into_iter().chain(whole).chain([verdict.clone()]).collect(),
         );
-        rows.push([arm.clone(), verdict].into_iter().chain(cells).collect());
+        let of = if missed.is_empty() { String::new() } else { format!(": {}", missed.join(", ")) };
+        rows.push([arm.clone(), verdict + &of].into_iter().chain(cells).collect());
     }
     let title = "Limits. *Refused*: an interval lies wholly beyond a limit; *cannot be told*: an estimate does, or a drive failed:";
     Ok(Some((Table { title: title.to_owned(), heads, rows, names: 1 }, csv(file))))

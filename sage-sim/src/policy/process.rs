@@ -113,7 +113,7 @@ impl EgoPolicy for Process {
             goal: planner.greeting.wants_goal,
             follow: self.follow.as_ref().or(follows.first()).cloned(),
         };
-        Ok(Box::new(ProcessDriver::new(self.shared.clone(), planner, asks, start.seed())))
+        Ok(Box::new(ProcessDriver::new(self.shared.clone(), planner, asks, start)))
     }
 
     fn other_ways(&self) -> Result<Vec<OtherWay>, Error> {

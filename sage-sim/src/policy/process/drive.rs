@@ -6,7 +6,7 @@ use sage_core::geometry::Point;
 
 use super::{
     super::{
-        Driver, Shown, View,
+        Driver, Shown, Start, View,
         planner::{Answer, Asks, Follower, StepBefore, ToldScene, ToldStep, shortened},
     },
     lines,
@@ -97,9 +97,10 @@ impl Driver for ProcessDriver {
 }
 
 impl ProcessDriver {
-    /// A drive of a program that waits.
-    pub(super) fn new(shared: Arc<Pool>, planner: Planner, asks: Asks, seed: u64) -> Self {
-        let first_byte = planner.log.length();
+    /// A drive in a scene of a program that waits.
+    pub(super) fn new(shared: Arc<Pool>, planner: Planner, asks: Asks, start: &Start) -> Self {
+        planner.log.note(format!("sage: a drive in scene {}", start.scene_id()).as_bytes());
+        let (first_byte, seed) = (planner.log.length(), start.seed());
         Self {
             shared,
             asks,

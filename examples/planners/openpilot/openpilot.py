@@ -3,7 +3,7 @@
     sh examples/planners/openpilot/build.sh ~/openpilot    # once; a checkout of openpilot, such as commit 007bc41c
     sage search scenes/ --ego 'openpilot=cmd:python3 examples/planners/openpilot/openpilot.py /home/me/openpilot' --out failures/
 
-The author's `long_mpc.py` runs as it stands. Ours are, after its `longitudinal_planner.py`: limits of acceleration, also in turns, and the
+The author's `long_mpc.py` (MIT; acados is BSD-2-Clause, casadi LGPL-3.0) runs as it stands. Ours are, after its `longitudinal_planner.py`: limits of acceleration, also in turns, and the
 smoothed speed; and, in place of the car's radar and driver: one lead, the next road user ahead on the route, its acceleration as a smoothed
 difference of speeds, and a set speed from the limits of the route's lanes. It minds neither lights nor crossing traffic: a driver does.
 """

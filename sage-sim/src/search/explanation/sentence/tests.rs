@@ -1,3 +1,5 @@
+//! Sentences of explanations made by hand. A failed unwrap is a failed test.
+
 use sage_core::motion::{HORIZON, Trajectory};
 
 use super::*;

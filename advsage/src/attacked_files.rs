@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use sage_core::{motion::Trajectory, scene::Scene};
 use sage_data::{
-    Format, Recording, VariantWriter, dataset,
+    ADDED, Format, Recording, VariantWriter, added_tracks, dataset,
     openscenario::{EgoMode, Export, License, Options, Provenance, Standard},
 };
 use sage_generators::attacked;
@@ -181,6 +181,8 @@ pub struct AttackedFiles<'s> {
     formats: AttackFormats,
     scenario: Options,
     writer: VariantWriter,
+    /// Ids of road users who were added to the recording.
+    added: Vec<String>,
     origin: Option<(Option<License>, Provenance)>,
 }
 
@@ -205,7 +207,8 @@ impl<'s> AttackedFiles<'s> {
             true => Some((scenario_files::license(recording)?, scenario_files::provenance(recording)?)),
             false => None,
         };
-        Ok(Self { scene, formats, scenario, writer, origin })
+        let added = recording.provenance()?.as_deref().map(added_tracks).unwrap_or_default();
+        Ok(Self { scene, formats, scenario, writer, added, origin })
     }
 
     /// Refuses a scene whose outputs would have names that no file can have.
@@ -254,6 +257,9 @@ impl<'s> AttackedFiles<'s> {
         let attacked = attacked(scene, attack.trajectory)?;
         let adversary = attacked.adversary.map(|track| attacked.tracks[track].id.as_str());
         provenance.insert("adversary".to_owned(), json!(adversary));
+        if !self.added.is_empty() {
+            provenance.insert(ADDED.to_owned(), json!(self.added));
+        }
         let provenance = Value::Object(provenance).to_string();
         let files = self.writer.variant(&attacked, &provenance)?;
         let name = format!("{}-{}", self.scene, attack.variant);

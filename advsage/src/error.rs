@@ -117,9 +117,10 @@ pub fn as_cause<'e, T: StdError + 'static>(cause: &'e (dyn StdError + 'static)) 
     all.into_iter().flatten().find_map(|error| error.downcast_ref())
 }
 
-/// True if a cause says that the two cars of a scene touch *now*, so that no attack can be measured.
-pub fn is_contact_now(cause: &(dyn StdError + 'static)) -> bool {
-    matches!(as_cause(cause), Some(sage_core::Error::ContactNow { .. }))
+/// True if a cause leaves a scene out, because no attack can be measured in it: the two cars touch *now*, or a person has no place.
+pub fn leaves_out(cause: &(dyn StdError + 'static)) -> bool {
+    use sage_core::Error as Core;
+    matches!(as_cause(cause), Some(Core::ContactNow { .. } | Core::NoPlace { .. }))
 }
 
 /// An error with its causes, in one line.
@@ -142,9 +143,9 @@ mod tests {
         let cause =
             sage_core::Error::ContactNow { scene: "7".into(), ego: "a".into(), adversary: "b".into() };
         let error = Error::from(cause).within("driver `idm`");
-        assert!(!is_contact_now(&error));
+        assert!(!leaves_out(&error));
         let source = error.source().expect("it has a cause");
-        assert!(is_contact_now(source) && source.source().is_none());
+        assert!(leaves_out(source) && source.source().is_none());
         assert_eq!(in_one_line(&error).matches("contact_now").count(), 1, "{}", in_one_line(&error));
     }
 }

@@ -43,10 +43,12 @@
 //!   [`operating_point`] says how aggressive, [`selection`] what is preferred.
 //! - [`prepared`] makes a scene ready to be attacked. [`named_generator`] builds a generator from names, [`generators`] from parts;
 //!   [`latest_start`] chooses by the time that is left to evade.
+//! - [`adversary`] says who attacks: the road user that a scene chooses, a named one, or a person who is placed there.
 //! - [`ego`] builds drivers, with [`references`] that say whether a contact is preventable. [`named_search`] and [`search`] find what they
 //!   fail at.
 //! - [`rows`] are results as files hold them, [`attacked_files`] and [`scenario_files`] the scenes of attacks.
 
+pub mod adversary;
 pub mod attacked_files;
 pub mod dial;
 pub mod driver_search;
@@ -72,9 +74,10 @@ pub mod searched_attacker;
 pub mod selection;
 pub mod weights;
 
+pub use adversary::{AdversarySpec, PersonKind};
 pub use driver_spec::DriverSpec;
 pub use ego::Ego;
-pub use error::{Error, Result, WithContext, as_cause, in_one_line, is_contact_now};
+pub use error::{Error, Result, WithContext, as_cause, in_one_line, leaves_out};
 pub use generators::Against;
 #[cfg(feature = "baselines")]
 pub use learned_criticality::{LearnedCriticality, LearnedCriticalityOptions};

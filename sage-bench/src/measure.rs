@@ -99,9 +99,8 @@ fn driver_in_scene<'t>(
 }
 
 /// Whether an error says that two cars touch *now*: nothing can be measured then, which is no failure.
-fn is_contact_now(error: &Error) -> bool {
-    successors(Some(error as &(dyn StdError + 'static)), |error| (**error).source())
-        .any(advsage::is_contact_now)
+fn leaves_out(error: &Error) -> bool {
+    successors(Some(error as &(dyn StdError + 'static)), |error| (**error).source()).any(advsage::leaves_out)
 }
 
 fn infos<S>(metrics: &[Metric<S>]) -> Vec<MetricInfo> {

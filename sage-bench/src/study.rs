@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 27] = [
+pub const SHIPPED: [(&str, &str); 28] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("admit", include_str!("../studies/admit.yaml")),
@@ -36,6 +36,7 @@ pub const SHIPPED: [(&str, &str); 27] = [
     ("latest-start", include_str!("../studies/latest-start.yaml")),
     ("connectivity", include_str!("../studies/connectivity.yaml")),
     ("search", include_str!("../studies/search.yaml")),
+    ("people", include_str!("../studies/people.yaml")),
     ("threshold", include_str!("../studies/threshold.yaml")),
     ("transfer", include_str!("../studies/transfer.yaml")),
     ("learned-selection", include_str!("../studies/learned-selection.yaml")),
@@ -90,6 +91,10 @@ pub struct Study {
     /// Drivers under test. Without any, the ego is its recording.
     #[serde(deserialize_with = "parts")]
     pub ego: Vec<String>,
+    /// People who are placed in each scene as the adversary of searches: `pedestrian`, `cyclist`, with options of the place as
+    /// `pedestrian{"beyond": 1}`. Without any, the adversary of the scene attacks.
+    #[serde(deserialize_with = "parts", skip_serializing_if = "Vec::is_empty")]
+    pub adversary: Vec<String>,
     /// Paths of the ego that attacks on drivers are planned against; by default the drive before the attack.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub planned_against: Vec<PlannedAgainst>,
@@ -273,6 +278,11 @@ impl Study {
         for (field, count, most) in counts {
             require(count <= most, || format!("`{field}` is {count}; expected at most {most}"))?;
         }
+        let is_searched = self.measure.iter().all(|subject| *subject == Subject::Search);
+        require(
+            self.adversary.is_empty() || is_searched,
+            || "`adversary` is of searches alone: `measure: [search]`",
+        )?;
         require(!self.measure.is_empty(), || format!("`measure` names nothing; known: {}", names()))?;
         for subject in &self.measure {
             require(self.metrics.get(subject).is_some_and(|names| !names.is_empty()), || {

@@ -59,6 +59,18 @@ pub enum Error {
         /// Track of the adversary.
         adversary: String,
     },
+    /// A person who was asked for has no place beside the ego's recorded way, so nothing can be measured.
+    #[error(
+        "scene `{scene}`: no_place: there is no place for a {who}; {why}. Other values of the place may have one"
+    )]
+    NoPlace {
+        /// Identifier of the scene.
+        scene: String,
+        /// What the person is.
+        who: String,
+        /// How many places were tried, and why they are none.
+        why: String,
+    },
     /// A name that is not in a registry.
     #[error("unknown {kind} `{name}`; known: {}", listed(known))]
     Unknown {

@@ -36,8 +36,10 @@ mod map_feasibility;
 mod naturalness;
 mod nll;
 mod others;
+pub mod person;
 mod phase;
 mod realism;
+mod reason;
 mod reward;
 mod scores;
 mod sizes;
@@ -51,10 +53,7 @@ pub use above_speed_limit::{AboveSpeedLimit, above_speed_limit};
 pub use adversarial::{AdversarialOptions, AdversarialReward, release_reward};
 pub use against_traffic::{AgainstTraffic, against_traffic};
 pub use behavior::{BehaviorPenalty, behavior_penalty};
-pub use believable::{
-    MAX_ACROSS, MAX_AGAINST, MIN_DEPTH, Reason, doubts, drives_believably, is_believable, is_believable_1,
-    verdict,
-};
+pub use believable::{MAX_ACROSS, MAX_AGAINST, doubts, drives_believably, is_believable, is_believable_1};
 pub use body::Body;
 pub use candidate::Candidate;
 pub use clearance::Clearance;
@@ -76,8 +75,10 @@ pub use map_feasibility::{AgentContact, EdgeContact, MapFeasibility, Violations,
 pub use naturalness::Naturalness;
 pub use nll::NegativeLogLikelihood;
 pub use others::OtherAgent;
+pub use person::{PersonContact, PersonFeasibility, PersonLimits, PersonMet};
 pub use phase::Phase;
 pub use realism::{RealismPenalty, realism_penalty};
+pub use reason::{MIN_DEPTH, Reason, verdict};
 pub use reward::{Reward, Situation};
 pub use scores::{FurtherMeasures, Scorer, Scores};
 pub use sizes::Sizes;
@@ -110,5 +111,8 @@ pub fn rewards() -> Result<Registry<dyn Reward>, Error> {
 ///
 /// *Errors*: [`Error::Duplicate`] if two rules have the same name.
 pub fn feasibilities() -> Result<Registry<dyn Feasibility>, Error> {
-    Registry::new("feasibility").with::<MapFeasibility>()?.with::<DrivableFeasibility>()
+    Registry::new("feasibility")
+        .with::<MapFeasibility>()?
+        .with::<DrivableFeasibility>()?
+        .with::<PersonFeasibility>()
 }

@@ -77,6 +77,7 @@ pub use capabilities::Capabilities;
 pub use error::Error;
 pub use format::Format;
 pub use gpudrive::EncodedGpuDrive;
+pub use metadrive::{ADDED, added_tracks};
 pub use reading::ReadOptions;
 pub use recording::{MAX_SCENE_FILE, Recording, Source, is_source, read_bytes};
 pub use sage_core::scene::PROVENANCE;

@@ -1,5 +1,6 @@
 //! MetaDrive and ScenarioNet scenes: what the values of a file mean.
 
+mod added;
 mod columns;
 mod decode;
 mod encode;
@@ -11,9 +12,11 @@ mod summary;
 mod tracks;
 mod values;
 
+pub(crate) use added::add_standing;
+pub use added::{ADDED, added_tracks};
 pub use decode::decode;
 pub(crate) use decode::{MAX_FRAMES, entries_of_features};
-pub(crate) use encode::{annotate, write_changes};
+pub(crate) use encode::{annotate, write_changes, write_roles};
 pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};
 pub(crate) use retime::retimed;
 pub(crate) use summary::{complete, update};

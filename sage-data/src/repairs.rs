@@ -52,6 +52,8 @@ pub(crate) struct Draft {
     pub(crate) scene: Scene,
     /// The adversary that the file names.
     pub(crate) named: Option<usize>,
+    /// Ids of road users who were added to the recording.
+    pub(crate) added: Vec<String>,
     /// The file's `sample_rate`: frames per second, or seconds per frame.
     pub(crate) sample_rate: Option<f64>,
     /// The file's `current_time_index`.
@@ -74,7 +76,7 @@ pub struct Decoded {
 /// *Errors*: [`Error::Field`] for times that cannot be used, a recording that is too short, or an ego that is not
 /// valid *now*.
 pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result<Decoded, Error> {
-    let Draft { mut scene, mut named, sample_rate, now_index } = draft;
+    let Draft { mut scene, mut named, added, sample_rate, now_index } = draft;
     let clock = Clock::of(&mut scene, sample_rate, options, path)?;
     if let Clock::Other { times, step } = &clock {
         resample::check_size(&scene, times, *step, path)?;
@@ -131,7 +133,7 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
     }
     edges::leave_out(&mut scene);
     let has_history = |track: &Track| track.valid[..=NOW].contains(&true);
-    named = pass_over(&mut scene, named);
+    named = pass_over(&mut scene, named, &added);
     (scene.adversary, scene.adversary_origin) = match named.filter(|track| has_history(&scene.tracks[*track]))
     {
         Some(track) => (Some(track), AdversaryOrigin::File),
@@ -141,10 +143,10 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
     Ok(Decoded { scene, frames, is_chosen })
 }
 
-/// The road user that the file names as the adversary, if it is a vehicle.
-fn pass_over(scene: &mut Scene, named: Option<usize>) -> Option<usize> {
+/// The road user that the file names as the adversary, if it is a vehicle or was added to the recording.
+fn pass_over(scene: &mut Scene, named: Option<usize>, added: &[String]) -> Option<usize> {
     let track = &scene.tracks[named?];
-    if track.kind == TrackKind::Vehicle {
+    if track.kind == TrackKind::Vehicle || added.contains(&track.id) {
         return named;
     }
     let text = format!(

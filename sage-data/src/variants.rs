@@ -170,6 +170,7 @@ impl Variant<'_> {
             return native::encode(self.scene, self.document.as_ref(), self.path);
         }
         let mut scene = self.scene.clone();
+        scene.notes.retain(|note| !matches!(note, Note::Provenance(_)));
         scene.notes.push(Note::Provenance(self.provenance.to_owned()));
         native::encode(&scene, None, self.path)
     }

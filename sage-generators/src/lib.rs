@@ -50,6 +50,7 @@ mod generator_inputs;
 mod generator_kind;
 mod log;
 mod mixtures;
+pub mod person;
 mod propose_and_select;
 pub mod proposers;
 mod refinement;
@@ -66,6 +67,7 @@ pub use generator_inputs::GeneratorInputs;
 pub use generator_kind::{Facts, GeneratorKind};
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
+pub use person::{Person, Placement};
 pub use propose_and_select::ProposeAndSelect;
 pub use refinement::{Refinement, Rounds};
 pub use rule::{Rule, bezier};
@@ -97,5 +99,6 @@ pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
         .with::<AllGoals>()?
         .with::<CatGoals>()?
         .with::<Rule>()?
+        .with::<Person>()?
         .with::<Log>()
 }

@@ -3,6 +3,7 @@
 use std::{fmt::Display, path::PathBuf, str::FromStr};
 
 use advsage::{
+    AdversarySpec,
     driver_spec::Timeouts,
     in_one_line, latest_start,
     named_generator::GeneratorSpec,
@@ -59,19 +60,27 @@ impl Words<'_, '_> {
         points.check()?;
         let rate =
             self.read("rate", |text| checked_rate(Some(number(text)?)).map_err(|error| error.to_string()))?;
+        let json = |text: &str| serde_json::from_str(text).map_err(|error| error.to_string());
+        let kind = self.read("adversary_type", |text| {
+            serde_json::from_value(text.into())
+                .map_err(|_| format!("`{text}` is none; known: pedestrian, cyclist"))
+        })?;
+        let adversary = AdversarySpec { id: self.text("adversary")?, kind, place: self.read("place", json)? };
+        adversary.check().map_err(|error| error.to_string())?;
+        let generator = GeneratorSpec {
+            method: self.parsed("method")?,
+            options: self.parsed("options")?,
+            points,
+            merger: self.required("merger")?,
+            selection: self.required("selection")?,
+            weights: self.text("weights")?,
+            seed: self.required("seed")?,
+            feasibility: self.parsed("feasibility")?,
+        };
         Ok(GenerateOptions {
             scene: self.required("scene")?,
-            generator: GeneratorSpec {
-                method: self.parsed("method")?,
-                options: self.parsed("options")?,
-                points,
-                merger: self.required("merger")?,
-                selection: self.required("selection")?,
-                weights: self.text("weights")?,
-                seed: self.required("seed")?,
-                feasibility: self.parsed("feasibility")?,
-            },
-            adversary: self.text("adversary")?,
+            generator: adversary.generator(generator, None).map_err(|error| error.to_string())?,
+            adversary,
             ego: self.required("ego")?,
             ego_timeout: self.parsed("ego_timeout")?.map(|Timeouts(times)| times),
             latest_start: self.read("latest_start", latest_start::seconds)?,

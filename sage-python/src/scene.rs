@@ -5,6 +5,7 @@ use std::{
     sync::Arc,
 };
 
+use advsage::AdversarySpec;
 use pyo3::{
     prelude::*,
     types::{PyBytes, PyDict, PyList, PyType},
@@ -13,7 +14,7 @@ use sage_core::scene::{Scene, SceneData};
 use sage_data::{ReadOptions, Recording, Source, VariantWriter};
 
 use crate::{
-    errors::detached,
+    errors::{OptionError, UnknownName, detached},
     made_once::MadeOnce,
     values::{self, Reduced},
 };
@@ -48,6 +49,41 @@ struct Arrays {
     sizes: MadeOnce,
     valid: MadeOnce,
     map_points: MadeOnce,
+}
+
+impl Shared {
+    /// The scene with another adversary.
+    ///
+    /// *Errors*: as [`AdversarySpec::of`].
+    pub(crate) fn with_adversary(&self, adversary: &AdversarySpec) -> sage_run::Result<Self> {
+        let Self(data, origin) = self;
+        let Origin { path, source, options, provenance } = &**origin;
+        let scene = (*data.scene).clone();
+        let recording =
+            Recording { path: path.clone(), scene, source: (**source).clone(), options: options.clone() };
+        let Recording { path, scene, source, options } = adversary.of(recording)?;
+        let origin = Origin { path, source: Arc::new(source), options, provenance: provenance.clone() };
+        let data = SceneData { name: data.name.clone(), scene: Arc::new(scene), index: data.index.clone() };
+        Ok(Self(Arc::new(data), Arc::new(origin)))
+    }
+}
+
+/// A person as the adversary, by the name of a kind and values of the place; no person without a kind.
+///
+/// *Errors*: a kind that there is not, or a value out of range.
+pub(crate) fn person(kind: Option<&str>, place: Option<&Bound<'_, PyDict>>) -> PyResult<AdversarySpec> {
+    let kind = kind.map(|kind| {
+        serde_json::from_value(kind.into()).map_err(|_| {
+            UnknownName::new_err(format!("unknown kind of person `{kind}`; known: pedestrian, cyclist"))
+        })
+    });
+    let place = place.map(|place| {
+        let place = values::to_json("place", place, 0)?;
+        serde_json::from_value(place).map_err(|error| OptionError::new_err(format!("place: {error}")))
+    });
+    let spec = AdversarySpec { id: None, kind: kind.transpose()?, place: place.transpose()? };
+    spec.check().map_err(|error| OptionError::new_err(error.to_string()))?;
+    Ok(spec)
 }
 
 impl PyScene {
@@ -304,6 +340,16 @@ impl PyScene {
             };
             Ok(Self::new(Arc::new(data), self.origin.clone()))
         })
+    }
+
+    /// The scene with a person as the adversary, who stands beside the ego's recorded way from the first frame on: `kind` is
+    /// "pedestrian" or "cyclist". `place` are values of the place: "side" ("any", "right", "left"), "beyond", "ahead", "after",
+    /// "clearance" and "parked_car".
+    #[pyo3(signature = (kind, *, place=None))]
+    fn with_person(&self, py: Python<'_>, kind: &str, place: Option<Bound<'_, PyDict>>) -> PyResult<Self> {
+        let adversary = person(Some(kind), place.as_ref())?;
+        let shared = self.shared();
+        Ok(Self::of_shared(detached(py, || shared.with_adversary(&adversary))?))
     }
 
     /// Writes the scene: a MetaDrive pickle (`.pkl`) or a native file (`.safetensors`). Replaces a file.

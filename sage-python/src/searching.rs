@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use advsage::{
-    GeneratorSpec,
+    AdversarySpec, GeneratorSpec,
     named_search::{NamedSearch, SearchSpec},
     prepared::DriverInScene,
     rows::search::RowHead,
@@ -29,13 +29,15 @@ use crate::{
     items::{Item, iterator, next_ahead, object},
     parts::{Driver, registries},
     results::search_rows,
-    scene::{PyScene, Shared},
+    scene::{PyScene, Shared, person},
     values,
 };
 
 /// What searches scenes.
 struct Searcher {
     named: NamedSearch,
+    /// A person who is placed in each scene, if one is asked for.
+    person: Option<AdversarySpec>,
     driver: Driver,
     options: SearchOptions,
     seed: u64,
@@ -79,7 +81,10 @@ impl Searcher {
 type Searched = (Option<Py<PyScene>>, Shared, Value, Vec<Value>);
 
 fn searched(item: Item, searcher: &Searcher) -> Result<Searched> {
-    let (object, shared) = item.read()?;
+    let (mut object, mut shared) = item.read()?;
+    if let Some(person) = &searcher.person {
+        (object, shared) = (None, shared.with_adversary(person)?);
+    }
     let (row, failures) = searcher.search(&shared.0)?;
     Ok((object, shared, row, failures))
 }
@@ -139,7 +144,7 @@ fn word<T: DeserializeOwned>(what: &str, text: &str, known: &str) -> PyResult<T>
 #[pyfunction]
 #[pyo3(signature = (scenes, ego, *, method=None, weights=None, lambda_=None, aggression=None, mix=None, mu=None, selection="natural",
     feasibility=None, merger="linear", options=None, budget=64, require=None, references=None, first=false, order="surrogate",
-    refine=REFINE, explain_failures="mildest", plans=MOST_PLANS, seed=0, threads=None))]
+    refine=REFINE, explain_failures="mildest", plans=MOST_PLANS, adversary_type=None, place=None, seed=0, threads=None))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn search_each(
     py: Python<'_>,
@@ -163,6 +168,8 @@ pub(crate) fn search_each(
     refine: f64,
     explain_failures: &str,
     #[pyo3(from_py_with = crate::seed::count)] plans: usize,
+    adversary_type: Option<&str>,
+    place: Option<Bound<'_, PyDict>>,
     #[pyo3(from_py_with = crate::seed::seed)] seed: u64,
     #[pyo3(from_py_with = crate::seed::optional_count)] threads: Option<usize>,
 ) -> PyResult<PySearched> {
@@ -171,7 +178,8 @@ pub(crate) fn search_each(
         driver = detached(py, || driver.with_references(&names))?;
     }
     let require = require.map(str::parse::<Requirement>).transpose().map_err(OptionError::new_err)?;
-    let require = require.unwrap_or_default();
+    let adversary = person(adversary_type, place.as_ref())?;
+    let require = require.unwrap_or_else(|| adversary.requirement());
     let order: Order = word("order", order, "surrogate, random, pool")?;
     let explain: Explained = word("explain_failures", explain_failures, "none, mildest, all")?;
     if budget == 0 || plans == 0 {
@@ -196,7 +204,10 @@ pub(crate) fn search_each(
         [("lambda_", lambda_), ("aggression", aggression), ("mu", mu)],
         [("mix", &mix), ("options", &options)],
     )?;
-    let spec = SearchSpec { generator: GeneratorSpec { seed, ..spec(&keywords)? }, plans };
+    let generator = GeneratorSpec { seed, ..spec(&keywords)? };
+    let generator = detached(py, || Ok(adversary.generator(generator, Some(require))?))?;
+    let spec = SearchSpec { generator, plans };
+    let person = adversary.placed();
     let threads = self::threads(threads)?;
     let scenes = iterator(scenes)?;
     let options =
@@ -204,7 +215,7 @@ pub(crate) fn search_each(
     let is_python = driver.planner.is_some();
     let searcher = Arc::new(detached(py, || {
         let named = spec.build(registries()?)?;
-        Ok(Searcher { named, driver, options, seed })
+        Ok(Searcher { named, person, driver, options, seed })
     })?);
     let ahead = if is_python {
         None

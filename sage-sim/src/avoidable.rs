@@ -268,6 +268,13 @@ impl Avoidance {
         Some((contact - free.start) as f64 / 10.0)
     }
 
+    /// The same of manoeuvres that brake and do not steer.
+    pub fn latest_brake(&self, candidate: &Candidate, contact: usize) -> Option<f64> {
+        let (contact, attack) = self.prepared(candidate, Some(contact)).ok()?;
+        let free = self.latest(attack.prefix.last, &attack, &Manoeuvre::brakes)?;
+        Some((contact - free.start) as f64 / 10.0)
+    }
+
     /// The step of the contact and what a search for manoeuvres needs.
     ///
     /// *Errors*: why the question does not arise.

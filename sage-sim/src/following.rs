@@ -13,7 +13,7 @@ use crate::{
 /// Road users whose centre is farther than this are not looked at, metres.
 const REACH: f64 = 80.0;
 /// Space to each side of the follower's box that belongs to its path, metres.
-const MARGIN: f64 = 0.3;
+pub(crate) const MARGIN: f64 = 0.3;
 
 /// A follower on a route.
 #[derive(Clone, Copy, Debug)]

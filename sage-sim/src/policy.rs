@@ -16,6 +16,7 @@ mod learned;
 mod minded_lights;
 mod path;
 mod pdm;
+mod people;
 mod pid;
 pub mod planner;
 #[cfg(unix)]

@@ -262,7 +262,9 @@ pub fn search(
     options.check()?;
     let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
     let mut surrogate = Surrogate::new(ctx, options.require);
-    let mut refiner = Refiner::new(ctx, options, seed)?;
+    // Its deformations and limits are those of cars.
+    let refine = if ctx.adversary().kind.is_person() { 0.0 } else { options.refine };
+    let mut refiner = Refiner::new(ctx, &SearchOptions { refine, ..*options }, seed)?;
     let mut random: Vec<usize> = (0..pool.plans.len()).collect();
     Rng::new(seed, &ctx.scene().id, "search").shuffle(&mut random);
     let mut result =

@@ -7,7 +7,7 @@ use sage_sim::search::SearchOptions;
 use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap as _};
 use serde_json::{Map, Value};
 
-use crate::{operating_point::OperatingPointSpec, part::Part};
+use crate::{adversary::AdversarySpec, operating_point::OperatingPointSpec, part::Part};
 
 /// How a plan was made. If nothing is known of it, a row says so: `method` and `lambda` are null.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -35,6 +35,8 @@ pub struct GeneratedBy {
     pub ego: Option<String>,
     /// Seconds before the contact at which an evasive manoeuvre should begin, if that was asked.
     pub wanted_latest_start: Option<f64>,
+    /// Who was placed in the scene as the adversary; none if the adversary was recorded.
+    pub placed: Option<AdversarySpec>,
 }
 
 impl GeneratedBy {
@@ -96,6 +98,9 @@ impl Serialize for GeneratedBy {
         }
         if let Some(time) = self.wanted_latest_start {
             map.serialize_entry("wanted_latest_start", &time)?;
+        }
+        if let Some(placed) = &self.placed {
+            map.serialize_entry("placed", placed)?;
         }
         map.end()
     }

@@ -5,6 +5,7 @@ use std::{collections::BTreeMap, path::Path};
 use sage_core::{
     files,
     motion::Trajectory,
+    objective::PersonMet,
     text::{count, escaped_name},
 };
 use sage_sim::{
@@ -167,8 +168,11 @@ pub struct EvaluatedRow {
     pub reward: f64,
     /// Latest start within the limits of UN R157's driver, s before the contact.
     pub latest_start_r157: Option<f64>,
-    /// Seconds from the onset of the plan to the latest start.
+    /// Seconds from the onset of the plan to the latest start; of a person, from when it is in sight and walks to the last full braking.
     pub human_time: Option<f64>,
+    /// The contact with a pedestrian or cyclist, if the adversary is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub person: Option<PersonMet>,
     /// The reference drivers that were asked whether they prevent the contact.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<Answer>,
@@ -180,13 +184,15 @@ pub struct EvaluatedRow {
 impl EvaluatedRow {
     /// The row of a drive.
     pub fn of(evaluated: &Evaluated) -> Self {
-        let Evaluated { contact, clauses, reward, human_time, references, variations, .. } = evaluated;
+        let Evaluated { contact, clauses, reward, human_time, person, references, variations, .. } =
+            evaluated;
         Self {
             contact: contact.clone(),
             clauses: *clauses,
             reward: *reward,
             latest_start_r157: evaluated.latest_start_r157,
             human_time: *human_time,
+            person: *person,
             references: references.clone(),
             variations: variations.clone(),
         }

@@ -3,14 +3,15 @@
 use std::path::PathBuf;
 
 use advsage::{
-    attacked_files::AttackFormats, driver_spec::DriverSpec, latest_start, named_generator::GeneratorSpec,
-    part::Part,
+    AdversarySpec, PersonKind, attacked_files::AttackFormats, driver_spec::DriverSpec, latest_start,
+    named_generator::GeneratorSpec, part::Part,
 };
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use sage_data::dataset::Shard;
-use sage_generators::Rate;
+use sage_generators::{Placement, Rate};
 use sage_run::generate::GenerateOptions;
+use sage_sim::search::Requirement;
 
 use super::{
     Cli, FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
@@ -136,15 +137,36 @@ pub(crate) struct AttackArgs {
     /// Use this track as the adversary; `focal` is the one that a scenario of Argoverse 2 was recorded for.
     #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
+    /// Attack with a person, on foot or on a bicycle: the one that --adversary names, else one who is placed beside the ego's
+    /// recorded way (`docs/people.md`). Plans come from the generator `person`, and no network proposes them.
+    #[arg(long, help_heading = SCENE, value_name = "TYPE", value_enum)]
+    pub adversary_type: Option<PersonKind>,
+    /// How a person is placed, as JSON: '{"side": "right", "beyond": 0.7, "ahead": [10, 90], "after": [2.5, 7], "clearance": 1.5,
+    /// "parked_car": false}' are metres and seconds.
+    #[arg(long, help_heading = SCENE, value_name = "JSON", value_parser = placement, requires = "adversary_type", conflicts_with = "adversary")]
+    pub place: Option<Placement>,
+}
+
+/// A placement of a user.
+fn placement(text: &str) -> Result<Placement, String> {
+    let place: Placement = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    place.check()?;
+    Ok(place)
 }
 
 impl AttackArgs {
-    /// What a generator is asked for; `None` for the one that the command takes by default.
+    /// Who is the adversary.
+    pub(crate) fn adversary(&self) -> AdversarySpec {
+        AdversarySpec { id: self.adversary.clone(), kind: self.adversary_type, place: self.place }
+    }
+
+    /// What a generator is asked for; `None` for the one that the command takes by default. `require` is what a search asks for.
     ///
-    /// *Errors*: points that exclude each other.
-    pub(crate) fn spec(&self, method: Option<&Part>) -> Result<GeneratorSpec> {
+    /// *Errors*: points that exclude each other, or what does not apply to a person.
+    pub(crate) fn spec(&self, method: Option<&Part>, require: Option<Requirement>) -> Result<GeneratorSpec> {
         self.generator.points.check().map_err(|problem| Cli::conflict(&problem))?;
-        Ok(GeneratorSpec { method: method.cloned(), ..self.generator.clone() })
+        let spec = GeneratorSpec { method: method.cloned(), ..self.generator.clone() };
+        Ok(self.adversary().generator(spec, require)?)
     }
 
     /// The first option that is given and makes an attack what it is.
@@ -169,12 +191,12 @@ impl AttackArgs {
 impl GenerateArgs {
     /// The options of the run.
     ///
-    /// *Errors*: operating points that exclude each other.
+    /// *Errors*: as [`AttackArgs::spec`].
     pub(crate) fn options(&self) -> Result<GenerateOptions> {
         Ok(GenerateOptions {
             scene: self.scene.clone(),
-            generator: self.attack.spec(Some(&self.method))?,
-            adversary: self.attack.adversary.clone(),
+            generator: self.attack.spec(Some(&self.method), None)?,
+            adversary: self.attack.adversary(),
             ego: self.ego.clone(),
             ego_timeout: self.planner.ego_timeout.map(|times| times.0),
             latest_start: self.latest_start,

@@ -29,6 +29,8 @@ use super::{
 /// driver, which does not know the plan, takes over *now* and prevents the contact). `avoidable` asks whether an evasive manoeuvre exists,
 /// knowing the plan, which it does for nearly all; `holds`, whether it is a failure in every variant of the drive: each way of following
 /// plans that a planner offers, and small changes of the start; `believable-1` is the definition of `believable` before plans had limits of turns.
+/// `human-time` asks whether what can be seen leaves a person 0.75 s to react, `human-time-r157` 1.15 s; `strict` whether a person as the
+/// adversary keeps to 5 km/h on foot, 15 km/h by bicycle.
 ///
 /// The plans are those of SAGE at five lambda, of its mixtures with the lawful expert, and of random goals, as far as they are
 /// feasible (--feasibility, by default `drivable`). --method searches the plans of one generator instead; `king`,
@@ -44,6 +46,7 @@ Examples:
   sage search scenes/ --ego 'cmd:python3 my_planner.py' --budget 32 \\
       --require attack,believable --out failures/
   sage search scenes/ --ego pdm --first --shard 2/8 --out failures/
+  sage search scenes/ --ego idm --adversary-type pedestrian --out people/
   sage simulate examples/crossing.pkl --ego idm \\
       --attack failures/crossing-failure1.json --out watch/")]
 pub(crate) struct SearchArgs {
@@ -61,9 +64,10 @@ pub(crate) struct SearchArgs {
     /// Largest number of attacked drives in a scene.
     #[arg(long, help_heading = SEARCH, value_name = "N", default_value_t = 64, value_parser = budget)]
     pub budget: usize,
-    /// Comma-separated clauses that make a plan a failure.
-    #[arg(long, help_heading = SEARCH, value_name = "CLAUSES", default_value_t = Requirement::default())]
-    pub require: Requirement,
+    /// Comma-separated clauses that make a plan a failure (default: attack,believable,at-fault,preventable; with --adversary-type also
+    /// human-time).
+    #[arg(long, help_heading = SEARCH, value_name = "CLAUSES")]
+    pub require: Option<Requirement>,
     /// Reference drivers, asked in this order whether they prevent the contact, up to the first that does; the driver under test
     /// is none of them.
     #[arg(long, help_heading = SEARCH, value_name = "NAMES", value_delimiter = ',', default_values_t = references::default_names())]

@@ -88,7 +88,9 @@ fn input_name(path: &Path) -> String {
 fn refuse_options(args: &ExplainArgs) -> Result<()> {
     let given = args.attack.first_given();
     let given = given.or_else(|| (args.method.name != "sage").then_some("--method"));
-    match given.or_else(|| args.attack.adversary.is_some().then_some("--adversary")) {
+    let (adversary, kind) = (&args.attack.adversary, args.attack.adversary_type);
+    let given = given.or_else(|| adversary.is_some().then_some("--adversary"));
+    match given.or_else(|| kind.is_some().then_some("--adversary-type")) {
         Some(name) => bail!(
             "`{}` is a row, which says how its scene was attacked; leave out {name}",
             args.scene.display()
@@ -102,15 +104,15 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
     ensure!(args.of.is_none(), "--of is the scene of a row, and `{}` is no row", args.scene.display());
     let mut attack = args.attack.clone();
     let points = &mut attack.generator.points;
-    if points.is_empty() {
+    if points.is_empty() && attack.adversary_type.is_none() {
         points.lambda = Some(Values(LAMBDAS.to_vec()));
     }
-    let generator = networks::build_generator(attack.spec(Some(&args.method))?, registries)?;
+    let generator = networks::build_generator(attack.spec(Some(&args.method), None)?, registries)?;
     let recording = Recording::read_as(&args.scene, &args.reading.options())?;
     for warning in checks::important(&recording.scene) {
         progress::say(&format!("warning: {warning}"));
     }
-    let scene = Arc::new(recording.scene.with_roles(None, attack.adversary.as_deref())?);
+    let scene = Arc::new(attack.adversary().of(recording)?.scene);
     let ctx = prepared::recording(&scene, &SceneIndex::new(scene.map.clone()))?;
     let attacks = generator.built.attacks(&ctx, Against::Recording, attack.generator.seed)?;
     let objective = &generator.selection.objective;

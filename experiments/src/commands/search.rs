@@ -49,7 +49,7 @@ pub(crate) fn run(args: &SearchArgs, extent: Extent, registries: &Registries) ->
     let worked = Worked::on(&scenes, extent, &run, report, |input| work_on(&searcher, &run, input))?;
     let (records, shown) = (&worked.records, scenes.reported_by(extent));
     let rows = shown.into_iter().filter_map(|input| done(run.folder().path(), run.hash(), input));
-    let summary = Summary::of(rows, args.require);
+    let summary = Summary::of(rows, searcher.options.require);
     match extent {
         Extent::Shard(shard) => run.finish_shard(shard, records)?,
         Extent::Whole | Extent::Join => {

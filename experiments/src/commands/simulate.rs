@@ -82,7 +82,8 @@ impl<'a> Job<'a> {
         let egos = Ego::all(&parts, registries)?;
         let (attacked, subtitle) = match (&args.method, &args.attack) {
             (Some(method), _) => {
-                let generator = networks::build_generator(args.options.spec(Some(method))?, registries)?;
+                let generator =
+                    networks::build_generator(args.options.spec(Some(method), None)?, registries)?;
                 let subtitle =
                     format!("attacks by {}, each planned against the drive without it", generator.method);
                 (Attacked::Generated(Box::new(generator)), subtitle)

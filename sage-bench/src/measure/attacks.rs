@@ -27,8 +27,7 @@ use metrics::{OF_PLAN, PlanAndDrive, attacked_metrics, plan_metrics, sample_metr
 use slots::{OfAttack, Slot, Source};
 
 use super::{
-    ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell, ego_samples::EgoSamples, infos,
-    is_contact_now,
+    ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell, ego_samples::EgoSamples, infos, leaves_out,
 };
 use crate::{
     Error, Registries, Result, in_one_line,
@@ -280,7 +279,7 @@ impl Attacks {
             Err(error) => {
                 let reason = in_one_line(&error);
                 let mut keys = self.keys_of(|slot| slot.source() == Some(by));
-                let is_left_out = prepared.as_ref().is_err_and(is_contact_now) || is_contact_now(&error);
+                let is_left_out = prepared.as_ref().is_err_and(leaves_out) || leaves_out(&error);
                 if is_left_out {
                     let first = keys.next().map(|key| format!("{}: {reason}", self.keys[key].stream()));
                     result.left_out.extend(first);

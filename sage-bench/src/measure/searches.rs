@@ -3,6 +3,7 @@
 use std::{path::Path, sync::Arc};
 
 use advsage::{
+    AdversarySpec,
     ego::Ego,
     operating_point::OperatingPointSpec,
     part::Part,
@@ -24,7 +25,7 @@ use sage_sim::{
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::{Group, Measurement, SceneResult, cell, driver_in_scene, infos, is_contact_now};
+use super::{Group, Measurement, SceneResult, cell, driver_in_scene, infos, leaves_out};
 use crate::{
     Error, Registries, Result,
     context::{Context as _, require},
@@ -67,6 +68,8 @@ pub struct Searches {
     methods: Vec<Method>,
     /// The plans that are selected at each λ, and λ.
     along: Vec<(Method, Vec<f64>)>,
+    /// Who attacks, with its label.
+    adversaries: Vec<(String, AdversarySpec)>,
     keys: Vec<Key>,
     searches: Vec<Metric<MeasuredSearch>>,
     thresholds: Vec<Metric<MeasuredThreshold>>,
@@ -143,6 +146,7 @@ impl Searches {
             egos,
             methods,
             along,
+            adversaries: study.adversaries()?,
             keys: Vec::new(),
             searches: registries.metrics.search.by_names(&listed(Subject::Search))?,
             thresholds: registries.metrics.threshold.by_names(&listed(Subject::Threshold))?,
@@ -153,10 +157,11 @@ impl Searches {
         Ok(all)
     }
 
-    /// Keys ego by ego: first the searches, then the thresholds.
+    /// Keys adversary by adversary and ego by ego: first the searches, then the thresholds.
     fn make_keys(&self) -> Vec<Key> {
         let mut keys = Vec::new();
-        for ego in &self.egos {
+        let egos = |adversary| self.egos.iter().map(move |ego| (adversary, ego));
+        for ((adversary, _), ego) in self.adversaries.iter().flat_map(egos) {
             let key = |subject, method: &Method| {
                 let arm = if method.arm.is_empty() {
                     ego.label.clone()
@@ -165,7 +170,10 @@ impl Searches {
                 };
                 Key {
                     training_seed: method.training_seed,
-                    attack: method.label.clone(),
+                    attack: match &**adversary {
+                        "" => method.label.clone(),
+                        adversary => format!("{adversary}: {}", method.label),
+                    },
                     point: method.point.clone(),
                     knows: ego.policy.knows().to_string(),
                     ..Key::new(subject, arm, self.seed)
@@ -190,7 +198,7 @@ impl Searches {
             Ok(driver) => driver,
             Err(error) => {
                 let reason = in_one_line(&error);
-                if is_contact_now(&error) {
+                if leaves_out(&error) {
                     result.left_out.push(format!("{}: {reason}", ego.label));
                 } else {
                     result.cells.extend((first..first + count).map(|key| Cell::failed(key, &reason)));
@@ -218,7 +226,7 @@ impl Searches {
                 first.unwrap_or_default()
             )));
         }
-        Ok(cell(key, &self.searches, &MeasuredSearch::new(result, &pool, method.options.budget)))
+        Ok(cell(key, &self.searches, &MeasuredSearch::new(result, &pool, method.options.budget, ctx)))
     }
 
     fn threshold(
@@ -269,10 +277,29 @@ impl Measurement for Searches {
 
     fn measure(&self, data: &SceneData) -> SceneResult {
         let mut result = SceneResult::default();
-        let simulated = SimScene::new(data.scene.clone(), data.index.clone());
         let count = self.methods.len() + self.along.len();
-        for (k, ego) in self.egos.iter().enumerate() {
-            self.of_ego(ego, &simulated, k * count, &mut result);
+        for (place, (label, adversary)) in self.adversaries.iter().enumerate() {
+            let scene = match adversary.kind {
+                None => Ok(data.scene.clone()),
+                Some(_) => adversary.in_scene((*data.scene).clone()).map(Arc::new).map_err(Error::from),
+            };
+            let scene = match scene {
+                Ok(scene) => scene,
+                Err(error) if leaves_out(&error) => {
+                    result.left_out.push(format!("{label}: {}", in_one_line(&error)));
+                    continue;
+                }
+                Err(error) => {
+                    let first = place * self.egos.len() * count;
+                    let all = first..first + self.egos.len() * count;
+                    result.cells.extend(all.map(|key| Cell::failed(key, in_one_line(&error))));
+                    continue;
+                }
+            };
+            let simulated = SimScene::new(scene, data.index.clone());
+            for (k, ego) in self.egos.iter().enumerate() {
+                self.of_ego(ego, &simulated, (place * self.egos.len() + k) * count, &mut result);
+            }
         }
         result
     }

@@ -22,7 +22,7 @@ use sage_sim::{
     search::{Clause, MOST_PLANS, MeasuredTransfer, PlanDrives, Reason, Requirement, SearchOptions},
 };
 
-use super::{Group, Measurement, SceneResult, cell, driver_in_scene, infos, is_contact_now};
+use super::{Group, Measurement, SceneResult, cell, driver_in_scene, infos, leaves_out};
 use crate::{
     Error, Registries, Result,
     context::require,
@@ -214,7 +214,7 @@ impl Transfers {
 
     /// Notes that there is no result because of a driver: left out if it touches the adversary *now*, else failed.
     fn not_driven(&self, error: &Error, driver: &str, key: usize, result: &mut SceneResult) {
-        if is_contact_now(error) {
+        if leaves_out(error) {
             let reason = format!("{driver}: {}", in_one_line(error));
             if !result.left_out.contains(&reason) {
                 result.left_out.push(reason);

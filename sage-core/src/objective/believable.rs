@@ -8,10 +8,8 @@
 //! It is a verdict, not an objective: its limits are fixed, so that figures of different objectives compare.
 //!
 //! `believable-1` is the definition before: without dynamics, turns, U-turns and the time across the lanes.
-
-use std::borrow::Cow;
-
-use serde::{Deserialize, Serialize};
+//!
+//! Of pedestrians and cyclists all this is asked by [`person`](super::person) instead.
 
 use super::{
     Candidate, Context, Feasibility, MapFeasibility, Phase, Situation, Violation,
@@ -20,28 +18,22 @@ use super::{
     contact_depth::contact_depth,
     dynamics::{ACCELERATION, BRAKING, SPEEDING, hard_acceleration, hard_braking, speeding},
     map_feasibility::{touches_truly, touching_feature},
+    person,
+    reason::{
+        ACROSS_LANES, AGAINST_TRAFFIC, HARD_ACCELERATION, HARD_BRAKING, MIN_DEPTH, Reason, SPEEDS, U_TURN,
+        WRONG_LANE,
+    },
     turning::{Excess, LATERAL, TURN, fast_turn, tight_turn},
     violation::{LATERAL_ACCELERATION, MEDIAN, TURNING_CIRCLE},
 };
 use crate::motion::DT;
 
-/// Least overlap depth of a believable attack, metres. Replayed in MetaDrive, nearly all contacts deeper than
-/// 0.6 m touch the ego, and none below 0.3 m.
-pub const MIN_DEPTH: f64 = 0.5;
 /// Longest time against the traffic before the contact, seconds.
 pub const MAX_AGAINST: f64 = 1.0;
 
 /// Longest time across the lanes before the contact, seconds: 1.5 % of 861 recorded vehicles that follow a lane *now* take
 /// longer (`cargo run --release -p sage-data --example recorded_limits`).
 pub const MAX_ACROSS: f64 = 2.5;
-const AGAINST_TRAFFIC: &str = "against_traffic";
-const ACROSS_LANES: &str = "across_lanes";
-const U_TURN: &str = "u_turn";
-const WRONG_LANE: &str = "wrong_lane";
-const HARD_ACCELERATION: &str = "acceleration";
-const HARD_BRAKING: &str = "braking";
-const SPEEDS: &str = "speeding";
-const CONTACT_DEPTH: &str = "contact_depth";
 /// Reasons that `believable-1` does not know.
 const NEW: [&str; 8] = [
     TURNING_CIRCLE,
@@ -54,72 +46,14 @@ const NEW: [&str; 8] = [
     WRONG_LANE,
 ];
 
-/// Why an attack is not believable.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Reason {
-    /// `contact_depth`, `against_traffic`, `across_lanes`, `turning_circle`, `lateral_acceleration`, `acceleration`, `braking`,
-    /// `speeding`, `u_turn`, `wrong_lane`, or the violated rule.
-    pub reason: Cow<'static, str>,
-    /// The measured value: depth in metres, time against the traffic or across the lanes in seconds, turn in rad/m,
-    /// accelerations in m/s², speed relative to the limit of the lane, or time
-    /// after *now* of the U-turn, the turn from the wrong lane or the first violation in seconds.
-    pub value: f64,
-    /// The limit that it breaks; `None` for a violated rule.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub limit: Option<f64>,
-}
-
-impl Reason {
-    fn violated(violation: &Violation) -> Self {
-        Self { reason: violation.rule.clone(), value: violation.step as f64 * DT, limit: None }
-    }
-
-    /// A contact of too small a depth, metres.
-    pub fn shallow(depth: f64) -> Self {
-        Self { reason: CONTACT_DEPTH.into(), value: depth, limit: Some(MIN_DEPTH) }
-    }
-
-    /// The reason as words, for tables and captions.
-    pub fn words(&self) -> String {
-        let value = self.value;
-        match (&*self.reason, self.limit) {
-            (CONTACT_DEPTH, _) => format!("contact only {value:.2} m deep"),
-            (AGAINST_TRAFFIC, _) => format!("{value:.1} s against the traffic"),
-            (ACROSS_LANES, _) => format!("{value:.1} s across the lanes"),
-            (TURNING_CIRCLE, _) => format!("turns within {:.1} m", value.recip()),
-            (LATERAL_ACCELERATION, Some(_)) => format!("{value:.1} m/s² of lateral acceleration"),
-            (HARD_ACCELERATION, _) => format!("accelerates by {value:.1} m/s²"),
-            (HARD_BRAKING, _) => format!("brakes by {value:.1} m/s²"),
-            (SPEEDS, _) => format!("{value:.1} times the speed limit"),
-            (U_TURN, _) => format!("U-turn without a lane after {value:.1} s"),
-            (WRONG_LANE, _) => format!("turns from the wrong lane after {value:.1} s"),
-            (rule, _) => format!("{} after {value:.1} s", rule.replace('_', " ")),
-        }
-    }
-}
-
-/// A verdict as words, with the reasons; `None` without contact.
-///
-/// ```
-/// use sage_core::objective::{Reason, verdict};
-///
-/// assert_eq!(verdict(Some(true), &[]).as_deref(), Some("believable"));
-/// // A contact of 0.2 m is a graze; 0.5 m are asked.
-/// let graze = [Reason::shallow(0.2)];
-/// assert_eq!(verdict(Some(false), &graze).as_deref(), Some("not believable (contact only 0.20 m deep)"));
-/// // Without contact there is nothing to believe.
-/// assert_eq!(verdict(None, &[]), None);
-/// ```
-pub fn verdict(believable: Option<bool>, reasons: &[Reason]) -> Option<String> {
-    let words = || reasons.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
-    Some(if believable? { "believable".to_owned() } else { format!("not believable ({})", words()) })
-}
-
 /// All reasons against an attack, given the violations of the paper's rule; empty if it is believable. `None`
 /// without contact.
 pub fn doubts(situation: &Situation, violations: &[Violation]) -> Option<Vec<Reason>> {
     let Situation { candidate, ego, encounter, ctx } = situation;
     encounter.contact?;
+    if ctx.adversary().kind.is_person() {
+        return person::doubts(situation);
+    }
     let mut reasons: Vec<Reason> = violations.iter().map(Reason::violated).collect();
     if let Some(contact) = touches_truly(candidate, ctx.index().medians())
         && !reasons.iter().any(|known| known.reason == MEDIAN)
@@ -167,6 +101,9 @@ pub fn holds_1(reasons: &[Reason]) -> bool {
 
 /// Whether an attack is believable: as [`doubts`], but stops at the first reason. `false` without contact.
 pub fn is_believable(situation: &Situation) -> bool {
+    if situation.ctx.adversary().kind.is_person() {
+        return person::doubts(situation).is_some_and(|doubts| doubts.is_empty());
+    }
     is_believable_1(situation) && drives_believably(situation)
 }
 

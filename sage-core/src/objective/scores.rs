@@ -10,8 +10,8 @@ use serde_json::{Map, Value};
 
 use super::{
     AdversarialReward, BehaviorPenalty, Candidate, Context, DistributionDistances, DrivableFeasibility,
-    EgoPath, Feasibility, KinematicPenalty, LoggedProfile, MapFeasibility, ObjectiveSpec, RealismPenalty,
-    Reason, Reward, Situation, Violation, behavior_penalty,
+    EgoPath, Feasibility, KinematicPenalty, LoggedProfile, MapFeasibility, ObjectiveSpec, PersonFeasibility,
+    RealismPenalty, Reason, Reward, Situation, Violation, behavior_penalty,
     believable::{doubts, holds_1},
     criticality::{Criticality, ImpactSpeed, RequiredDeceleration},
     kinematic_penalty,
@@ -41,7 +41,7 @@ pub struct Scores {
     pub cross_line: Option<f64>,
     /// 10 if another road user is touched, else 0.
     pub crash_object: f64,
-    /// Whether there is neither.
+    /// Whether there is neither; of a pedestrian or cyclist, whether the rule `person` holds.
     pub feasible: bool,
     /// Whether the rule `drivable` also holds.
     pub feasible_drivable: bool,
@@ -101,6 +101,8 @@ impl FurtherMeasures {
             RequiredDeceleration::NAME,
             <MapFeasibility as Entry<dyn Feasibility>>::NAME,
             <DrivableFeasibility as Entry<dyn Feasibility>>::NAME,
+            // Of a person it is the rule of `feasible`.
+            PersonFeasibility::NAME,
         ];
         let mut rewards = all_but(rewards, &known, &given)?;
         // Only the proposer knows a trajectory's likelihood under the prior.
@@ -208,8 +210,12 @@ impl<'c> Scorer<'c> {
     pub fn scores(&self, candidate: &Candidate) -> Scores {
         let ctx = self.ctx;
         let situation = Situation::new(candidate, self.ego, ctx);
-        let violations = self.map.violations(candidate, ctx);
-        let violations_drivable = self.drivable.violations(candidate, ctx);
+        let (violations, violations_drivable) = if ctx.adversary().kind.is_person() {
+            let violations = PersonFeasibility.violations(candidate, ctx);
+            (violations.clone(), violations)
+        } else {
+            (self.map.violations(candidate, ctx), self.drivable.violations(candidate, ctx))
+        };
         let doubts = doubts(&situation, &violations);
         let cost = |rule: &str| {
             violations.iter().filter(|v| v.rule == rule).map(|v| v.cost).fold(0.0, |sum, cost| sum + cost)

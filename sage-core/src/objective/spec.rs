@@ -8,7 +8,7 @@
 use serde::{Deserialize, Serialize, de::Error as _};
 use serde_json::{Map, Value};
 
-use super::believable::MIN_DEPTH;
+use super::reason::MIN_DEPTH;
 
 /// Weighted terms, one feasibility rule, and the weight of violations.
 ///

@@ -46,6 +46,11 @@ impl TrackKind {
         matches!(self, Self::Other(name) if words.iter().any(|word| word.eq_ignore_ascii_case(name)))
     }
 
+    /// Whether it is a person on foot or on a bicycle.
+    pub fn is_person(&self) -> bool {
+        matches!(self, Self::Pedestrian | Self::Cyclist)
+    }
+
     /// The MetaDrive type name. A bus has that of a vehicle here; files keep their own word.
     pub fn name(&self) -> &str {
         match self {

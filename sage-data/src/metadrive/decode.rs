@@ -9,11 +9,14 @@ use std::{
 
 use sage_core::{
     motion::{HISTORY, MAX_COORDINATE},
-    scene::{AdversaryOrigin, Boundary, Lane, Map, MapFeature, MapKind, Neighbor, Note, Repair, Scene},
+    scene::{
+        AdversaryOrigin, Boundary, Lane, Map, MapFeature, MapKind, Neighbor, Note, PROVENANCE, Repair, Scene,
+    },
 };
 
 use super::{
     ASSUMED_SIZES,
+    added::added_tracks,
     fields::{Field, Fields},
     lights::{lights, point},
     tracks::{Whole, tracks},
@@ -70,6 +73,8 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
         Some(ts) => fields.column_within(f64::MAX, ts, &metadata_field.key("ts"), frames)?,
         None => Vec::new(),
     };
+    let provenance = fields.optional(metadata, PROVENANCE).and_then(|text| document.text(text));
+    let added = provenance.map(added_tracks).unwrap_or_default();
     let map = Arc::new(map(&fields, top, &mut notes)?);
     let lights = lights(&fields, top, frames, options.strict, &mut notes)?;
     // A lookup beyond the work limit returns `None`, which must not count as a missing field.
@@ -88,7 +93,7 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
         notes,
         held: Vec::new(),
     };
-    repairs::finish(Draft { scene, named, sample_rate, now_index }, options, path)
+    repairs::finish(Draft { scene, named, added, sample_rate, now_index }, options, path)
 }
 
 fn frames(fields: &Fields, top: Id) -> Result<usize, Error> {

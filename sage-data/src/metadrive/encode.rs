@@ -61,7 +61,7 @@ pub(crate) fn write_changes<'s>(
 }
 
 /// Writes who the ego and the adversary are, as readers find them.
-fn write_roles(document: &mut Document, scene: &Scene) {
+pub(crate) fn write_roles(document: &mut Document, scene: &Scene) {
     let root = document.root();
     let Some(metadata) = document.get(root, "metadata") else { return };
     let metadata = document.push(document.node(metadata).clone());

@@ -204,12 +204,11 @@ pub(crate) fn decode(bytes: &[u8], options: &ReadOptions, path: &Path) -> Result
 /// A native scene with the options of reading.
 fn finished(scene: Scene, options: &ReadOptions, path: &Path) -> Result<Scene, Error> {
     let (adversary, origin, count) = (scene.adversary, scene.adversary_origin, scene.tracks.len());
-    let is_named = |k: &usize| {
-        let is_vehicle = scene.tracks[*k].kind == TrackKind::Vehicle;
-        is_vehicle && matches!(origin, AdversaryOrigin::File | AdversaryOrigin::User)
-    };
-    let named = adversary.filter(is_named);
-    let draft = Draft { scene, named, sample_rate: None, now_index: None };
+    // The header names whoever the adversary was, a person too.
+    let is_named = matches!(origin, AdversaryOrigin::File | AdversaryOrigin::User);
+    let named = adversary.filter(|_| is_named);
+    let added = named.iter().map(|track| scene.tracks[*track].id.clone()).collect();
+    let draft = Draft { scene, named, added, sample_rate: None, now_index: None };
     let mut decoded = repairs::finish(draft, options, path)?;
     if decoded.frames.is_none() && decoded.scene.tracks.len() == count {
         (decoded.scene.adversary, decoded.scene.adversary_origin) = (adversary, origin);

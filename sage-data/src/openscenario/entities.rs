@@ -7,7 +7,10 @@ use sage_core::{
 };
 
 use super::{Entity, Scenario, Standard, header::write_properties};
-use crate::xml::{Xml, number_text};
+use crate::{
+    metadrive::ADDED,
+    xml::{Xml, number_text},
+};
 
 /// Decimals of a length, metres.
 const LENGTH: usize = 6;
@@ -87,6 +90,12 @@ impl Scenario<'_> {
             // How esmini turns the headings of a trajectory exactly.
             property("plineInterpolation", "segment"),
         ];
+        let added = self.provenance.facts().find(|(key, _)| *key == ADDED);
+        let added =
+            added.and_then(|(_, ids)| serde_json::from_str::<Vec<String>>(ids).ok()).unwrap_or_default();
+        if added.contains(&entity.track.id) {
+            properties.push(property("sage:added", "true"));
+        }
         properties.extend(size_range(entity.track).map(|range| property("sage:size_range", &range)));
         if self.is_controlled(entity) {
             // How CARLA's scenario runner finds the ego.

@@ -131,6 +131,8 @@ def search(
     selection: str = "natural",
     feasibility: str | None = None,
     merger: str = "linear",
+    adversary_type: str | None = None,
+    place: dict[str, Any] | None = None,
     seed: int = 0,
     threads: int | None = None,
 ) -> Failures:
@@ -139,12 +141,15 @@ def search(
     In each scene at most `budget` plans are driven against, of at most `plans` feasible ones that are proposed; what was driven
     decides which is next (`order`: "surrogate", "random", "pool"), and in the last `refine` of the budget plans are refined against
     what the driver did, until the first failure. A failure meets all clauses of `require`, of
-    "attack,believable,at-fault,preventable" (all by default), "avoidable", "holds" and "believable-1"; `references` names the drivers that
+    "attack,believable,at-fault,preventable" (all by default), "avoidable", "human-time", "human-time-r157", "strict", "holds" and "believable-1"; `references` names the drivers that
     are asked in place of r157, idm, pdm and expert whether they prevent a contact; `first` stops at the first one. `explain_failures`
     says which are explained, by some ten drives more: "mildest" (the one whose adversary is driven least differently from the
     recording), "all" or "none". Plans are those of several
     generators, or of one `method` with its `options`. The other options are those of `Generator`. A scene that cannot be
     read or searched is in `errors` of the result, with the exception.
+
+    `adversary_type`, "pedestrian" or "cyclist", places a person beside the ego's recorded way, who attacks in place of a car
+    (`place`: see `Scene.with_person`); a failure then asks for "human-time" too, and options of networks do not apply.
     """
     names: list[str] = []
     failures: list[Failure] = []
@@ -171,6 +176,8 @@ def search(
         selection=selection,
         feasibility=feasibility,
         merger=merger,
+        adversary_type=adversary_type,
+        place=place,
         seed=seed,
         threads=threads,
     )

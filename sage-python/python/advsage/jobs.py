@@ -183,6 +183,8 @@ def _of_generate(engine: argparse.ArgumentParser) -> argparse.ArgumentParser:
     add("--ego-timeout", metavar="TIMES", help="seconds that a driver that is a program has to answer")
     add = parser.add_argument_group("scene").add_argument
     add("--adversary", metavar="ID", help="track of the adversary")
+    add("--adversary-type", choices=["pedestrian", "cyclist"], help="attack with a person, placed beside the ego's way")
+    add("--place", metavar="JSON", help="how the person is placed")
     add("--now", metavar="FRAME", help="frame that becomes now")
     add("--resample", action="store_true", help="also read recordings below 5 Hz")
     add("--rate", metavar="HZ", help="frames per second of a file without times")

@@ -3,7 +3,7 @@
 use std::{collections::HashMap, sync::Arc};
 
 use advsage::{
-    GeneratorSpec,
+    AdversarySpec, GeneratorSpec,
     named_search::{NamedSearch, SearchSpec},
     part::Part,
     searched_attacker::SearchedAttacker,
@@ -26,6 +26,7 @@ use crate::{
     errors::OptionError,
     generator::{PyGenerator, part},
     parts::{Driver, registries},
+    scene::person,
     values,
 };
 
@@ -41,7 +42,7 @@ pub(crate) struct Described {
 
 enum Attacks {
     Generator(Arc<Built>),
-    Search { ego: Driver, options: SearchOptions, weights: Option<String> },
+    Search { ego: Driver, options: SearchOptions, adversary: AdversarySpec, weights: Option<String> },
     Plans(GivenPlans),
 }
 
@@ -81,15 +82,17 @@ pub(crate) fn of(described: &Bound<'_, PyDict>) -> PyResult<Described> {
         let require = get("require")?.map(|require| require.extract::<String>()).transpose()?;
         let require =
             require.map(|text| text.parse::<Requirement>()).transpose().map_err(OptionError::new_err)?;
+        let kind = get("adversary_type")?.map(|kind| kind.extract::<String>()).transpose()?;
+        let adversary = person(kind.as_deref(), None)?;
         let budget = get("budget")?.map(|budget| crate::seed::count(&budget)).transpose()?;
         let base = SearchOptions::default();
         let options = SearchOptions {
-            require: require.unwrap_or(base.require),
+            require: require.unwrap_or_else(|| adversary.requirement()),
             budget: budget.unwrap_or(base.budget),
             ..base
         };
         let weights = get("weights")?.map(|weights| weights.extract::<String>()).transpose()?;
-        Attacks::Search { ego: driver, options, weights }
+        Attacks::Search { ego: driver, options, adversary, weights }
     };
     if let Attacks::Generator(built) = &attacks
         && get("curriculum")?.is_some()
@@ -127,8 +130,9 @@ impl Described {
                 lambda = built.named.points[0].lambda.unwrap_or(f64::NAN);
                 Arc::new(OfGenerator { built, has_curriculum })
             }
-            Attacks::Search { ego, options, weights } => {
+            Attacks::Search { ego, options, adversary, weights } => {
                 let generator = GeneratorSpec { weights, ..GeneratorSpec::default() };
+                let generator = adversary.generator(generator, Some(options.require))?;
                 let spec = SearchSpec { generator, ..SearchSpec::default() };
                 let search: NamedSearch = spec.build(registries()?)?;
                 Arc::new(SearchedAttacker::new(search, ego.policy, ego.references, options, 0))

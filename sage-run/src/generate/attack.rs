@@ -79,9 +79,10 @@ impl<'w> SceneWriter<'w> {
         let job = self.job;
         let generator = &job.generator;
         let warnings = checks::important(&recording.scene);
+        let recording = job.options.adversary.of(recording)?;
         let files = AttackedFiles::new(&recording, self.scene, job.options.format, job.scenario_options())?;
         files.check_names(job.variants().iter().map(|variant| &**variant))?;
-        let scene = Arc::new(recording.scene.with_roles(None, job.options.adversary.as_deref())?);
+        let scene = Arc::new(recording.scene);
         let index = SceneIndex::new(scene.map.clone());
         index.build_all();
         let seed = generator.spec.seed;

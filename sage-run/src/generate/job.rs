@@ -116,6 +116,7 @@ impl<'a> Job<'a> {
         GeneratedBy {
             ego: (!self.ego.policy.is_recording()).then(|| self.ego.label.clone()),
             wanted_latest_start: self.options.latest_start,
+            placed: self.options.adversary.placed(),
             ..self.generator.generated_by(point)
         }
     }

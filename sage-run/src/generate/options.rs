@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use advsage::{attacked_files::AttackFormats, driver_spec::DriverSpec, named_generator::GeneratorSpec};
+use advsage::{
+    AdversarySpec, attacked_files::AttackFormats, driver_spec::DriverSpec, named_generator::GeneratorSpec,
+};
 use sage_data::{
     ReadOptions,
     openscenario::{EgoMode, Standard},
@@ -16,8 +18,8 @@ pub struct GenerateOptions {
     pub scene: PathBuf,
     /// What attacks.
     pub generator: GeneratorSpec,
-    /// Track of the adversary, in place of that of the scene.
-    pub adversary: Option<String>,
+    /// Who is the adversary.
+    pub adversary: AdversarySpec,
     /// Drives the ego before the attack.
     pub ego: DriverSpec,
     /// Seconds that a driver that is a program has for its first message, that of a drive, and that of a step.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use advsage::{in_one_line, is_contact_now};
+use advsage::{in_one_line, leaves_out};
 use sage_data::{ReadOptions, Recording};
 
 use super::{Failure, Input, Line, SceneReport, is_row_of};
@@ -84,7 +84,7 @@ pub fn work_on<J: SceneJob>(
     }
     let recording = Recording::from_bytes_as(&input.file, bytes, &reading).map_err(Error::from)?;
     job.work(run, &scene, recording).map_err(|error| {
-        if !causes(error.as_ref()).any(is_contact_now) {
+        if !causes(error.as_ref()).any(leaves_out) {
             return Failure::Scene(error);
         }
         let reason = in_one_line(error.as_ref());

@@ -17,7 +17,7 @@ use super::minded_lights::{Braking, RedLights};
 use super::{
     Driver, EgoPolicy, Start, View,
     lane_change::{LaneChange, MobilOptions},
-    steering,
+    people, steering,
 };
 use crate::{
     Error,
@@ -48,6 +48,9 @@ pub struct IdmOptions {
     pub lane_changes: Option<MobilOptions>,
     /// Whether it stops at red lights on its route, if the stronger of `limits` suffices.
     pub red_lights: bool,
+    /// Whether it brakes for people who are about to cross its path; without, for those who are on it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub people: bool,
 }
 
 impl Default for IdmOptions {
@@ -59,6 +62,7 @@ impl Default for IdmOptions {
             limits: [-3.0, 1.0],
             lane_changes: Some(MobilOptions::default()),
             red_lights: true,
+            people: false,
         }
     }
 }
@@ -182,8 +186,12 @@ impl IdmDriver {
             .map_or(f64::INFINITY, |stop| {
                 model.acceleration(speed, Some(Leader { gap: stop.gap, speed: 0.0 }))
             });
+        let person = self.options.people.then(|| people::crossing(view, own)).flatten();
+        let person =
+            person.map_or(f64::INFINITY, |gap| model.acceleration(speed, Some(Leader { gap, speed: 0.0 })));
         let [low, high] = self.options.limits;
-        let acceleration = acceleration[0].min(acceleration[1]).min(end).min(red).clamp(low, high);
+        let acceleration =
+            acceleration[0].min(acceleration[1]).min(end).min(red).min(person).clamp(low, high);
         let steer = steering::along(view.car(), motion, route, at.along, across);
         Plan { acceleration, steer, along: at.along }
     }

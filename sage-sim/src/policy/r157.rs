@@ -25,7 +25,7 @@ use super::{
 };
 use crate::{
     Error,
-    body::Body,
+    body::{Body, BodyKind},
     route::{Localization, Route},
     vehicle::Action,
     world::Control,
@@ -61,6 +61,10 @@ pub struct R157Options {
     pub reading: Reading,
     /// Whether an emergency system brakes without delay below 1.5 s to a collision in the path.
     pub aeb: bool,
+    /// Whether people who cross are perceived when they have left their place by 0.375 m, as cars that come in; without, when they are
+    /// in the path. The regulation's model is of vehicles.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub people: bool,
     /// Car following, and the speed that is driven. The regulation's driver does not look at traffic lights:
     /// `red_lights` is off unless it is given.
     #[serde(deserialize_with = "without_lights")]
@@ -70,7 +74,7 @@ pub struct R157Options {
 impl Default for R157Options {
     fn default() -> Self {
         let following = IdmOptions { lane_changes: None, red_lights: false, ..IdmOptions::default() };
-        Self { reading: Reading::default(), aeb: false, following }
+        Self { reading: Reading::default(), aeb: false, people: false, following }
     }
 }
 
@@ -99,9 +103,10 @@ impl Entry<dyn EgoPolicy> for R157 {
 
 impl EgoPolicy for R157 {
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
-        let R157Options { reading, aeb, following } = self.0.clone();
+        let R157Options { reading, aeb, people, following } = self.0.clone();
         let following = IdmDriver::new(following);
-        Ok(Box::new(R157Driver { reading, aeb, following, known: BTreeMap::new(), leader: None, looked: 0 }))
+        let known = BTreeMap::new();
+        Ok(Box::new(R157Driver { reading, aeb, people, following, known, leader: None, looked: 0 }))
     }
 }
 
@@ -109,6 +114,7 @@ impl EgoPolicy for R157 {
 struct R157Driver {
     reading: Reading,
     aeb: bool,
+    people: bool,
     following: IdmDriver,
     /// Those that were seen, by track.
     known: BTreeMap<usize, Known>,
@@ -207,11 +213,15 @@ impl R157Driver {
         let heading = route.heading(center.along);
         let axis = [heading.cos(), heading.sin()];
         let speed = dot(body.velocity, axis);
-        if !is_inside && dot(body.area.axis, axis) < ALONG {
+        let is_person = self.people && matches!(body.kind, BodyKind::Pedestrian | BodyKind::Cyclist);
+        if !is_inside && !is_person && dot(body.area.axis, axis) < ALONG {
             return None;
         }
         let known = self.known.get(&body.track).copied();
-        let mut line = known.map_or_else(|| Line::of(body, view.index(), center.across), |known| known.line);
+        let first = || {
+            if is_person { Line::Start(center.across) } else { Line::of(body, view.index(), center.across) }
+        };
+        let mut line = known.map_or_else(first, |known| known.line);
         let deviation =
             line.deviation(body.area.center, center.across, route, view.index(), &mut self.looked);
         let seen = Seen {

@@ -4,6 +4,11 @@ use std::{fmt, str::FromStr};
 
 use serde::{Deserialize, Serialize};
 
+use super::onset::REACTION;
+
+/// Time in which UN R157's driver evaluates a risk before it reacts, seconds.
+const EVALUATION: f64 = 0.4;
+
 /// A condition on an attacked drive. Each is asked only of drives that meet the ones before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -24,6 +29,14 @@ pub enum Clause {
     /// [`Clause::Believable`] by its definition before, which searches may ask: without turns and the time across lanes.
     #[serde(rename = "believable-1")]
     Believable1,
+    /// The adversary, a pedestrian or cyclist, is no faster than 5 or 15 km/h.
+    Strict,
+    /// From what can be seen of the plan to the latest start of an evasive manoeuvre a person has the 0.75 s that UN R157's driver
+    /// takes until it brakes ([`crate::search::Evaluated::human_time`]).
+    HumanTime,
+    /// The same with the 0.4 s before in which that driver evaluates the risk: 1.15 s.
+    #[serde(rename = "human-time-r157")]
+    HumanTimeR157,
 }
 
 impl Clause {
@@ -40,6 +53,18 @@ impl Clause {
             Self::Preventable => "preventable",
             Self::Holds => "holds",
             Self::Believable1 => "believable-1",
+            Self::Strict => "strict",
+            Self::HumanTime => "human-time",
+            Self::HumanTimeR157 => "human-time-r157",
+        }
+    }
+
+    /// The human time that the clause asks for, seconds; `None` for another clause.
+    pub(super) fn asked_time(self) -> Option<f64> {
+        match self {
+            Self::HumanTime => Some(REACTION),
+            Self::HumanTimeR157 => Some(EVALUATION + REACTION),
+            _ => None,
         }
     }
 
@@ -71,13 +96,16 @@ impl fmt::Display for Clause {
 pub struct Requirement([bool; NAMED.len()]);
 
 /// All clauses that can be named, in the order in which they are asked.
-const NAMED: [Clause; 7] = [
+const NAMED: [Clause; 10] = [
     Clause::Attack,
     Clause::Believable1,
     Clause::Believable,
+    Clause::Strict,
     Clause::AtFault,
     Clause::Avoidable,
     Clause::Preventable,
+    Clause::HumanTime,
+    Clause::HumanTimeR157,
     Clause::Holds,
 ];
 
@@ -89,6 +117,11 @@ impl Default for Requirement {
 }
 
 impl Requirement {
+    /// What makes a failure by default if the adversary is a pedestrian or cyclist: [`Clause::ALL`] and [`Clause::HumanTime`].
+    pub fn of_people() -> Self {
+        Self::of(&[&Clause::ALL[..], &[Clause::HumanTime]].concat())
+    }
+
     /// A requirement of some clauses.
     pub fn of(clauses: &[Clause]) -> Self {
         Self(NAMED.map(|clause| clause == Clause::Attack || clauses.contains(&clause)))
@@ -168,6 +201,15 @@ pub struct Clauses {
     /// [`Clause::Believable1`].
     #[serde(default, rename = "believable-1", skip_serializing_if = "Option::is_none")]
     pub believable_1: Option<bool>,
+    /// [`Clause::Strict`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strict: Option<bool>,
+    /// [`Clause::HumanTime`].
+    #[serde(default, rename = "human-time", skip_serializing_if = "Option::is_none")]
+    pub human_time: Option<bool>,
+    /// [`Clause::HumanTimeR157`].
+    #[serde(default, rename = "human-time-r157", skip_serializing_if = "Option::is_none")]
+    pub human_time_r157: Option<bool>,
 }
 
 impl Clauses {
@@ -181,6 +223,9 @@ impl Clauses {
             Clause::Preventable => self.preventable == Some(true),
             Clause::Holds => self.holds == Some(true),
             Clause::Believable1 => self.believable_1 == Some(true),
+            Clause::Strict => self.strict == Some(true),
+            Clause::HumanTime => self.human_time == Some(true),
+            Clause::HumanTimeR157 => self.human_time_r157 == Some(true),
         }
     }
 
@@ -216,12 +261,16 @@ pub enum Reason {
     ContactWithoutAttack,
     /// Attacks, but none that a person would believe.
     NotBelievable,
+    /// Believable attacks, but by people who are faster than `strict` allows.
+    NotStrict,
     /// Believable attacks, but none in which the driver is at fault.
     NotAtFault,
     /// No evasive manoeuvre was found in any of the attacks that meet the other clauses.
     NotShownAvoidable,
     /// No reference driver prevents the contact in any of the attacks that meet the other clauses.
     NotPreventable,
+    /// The same, but none leaves a person the time to react.
+    NoHumanTime,
     /// Failures by the other clauses, but none in every variant of the drive.
     NotInEveryVariant,
     /// The budget ended before the plans did.
@@ -230,15 +279,17 @@ pub enum Reason {
 
 impl Reason {
     /// All reasons.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 12] = [
         Self::Error,
         Self::NoFeasiblePlan,
         Self::NeverHit,
         Self::ContactWithoutAttack,
         Self::NotBelievable,
+        Self::NotStrict,
         Self::NotAtFault,
         Self::NotShownAvoidable,
         Self::NotPreventable,
+        Self::NoHumanTime,
         Self::NotInEveryVariant,
         Self::Budget,
     ];
@@ -252,6 +303,8 @@ impl Reason {
             Clause::Avoidable => Self::NotShownAvoidable,
             Clause::Preventable => Self::NotPreventable,
             Clause::Holds => Self::NotInEveryVariant,
+            Clause::Strict => Self::NotStrict,
+            Clause::HumanTime | Clause::HumanTimeR157 => Self::NoHumanTime,
         }
     }
 
@@ -266,6 +319,8 @@ impl Reason {
             Self::NotAtFault => "no believable attack at fault",
             Self::NotShownAvoidable => "no evasive manoeuvre was found",
             Self::NotPreventable => "no reference driver prevents the contact",
+            Self::NotStrict => "no attack within the strict speeds of people",
+            Self::NoHumanTime => "no contact leaves a person the time to react",
             Self::NotInEveryVariant => "no failure holds in every variant of the drive",
             Self::Budget => "the budget ended before the plans did",
         }
@@ -286,7 +341,7 @@ mod tests {
         let error = "solid".parse::<Requirement>().unwrap_err();
         assert_eq!(
             error,
-            "`solid` is no clause; known: attack, believable-1, believable, at-fault, avoidable, preventable, holds"
+            "`solid` is no clause; known: attack, believable-1, believable, strict, at-fault, avoidable, preventable, human-time, human-time-r157, holds"
         );
     }
 

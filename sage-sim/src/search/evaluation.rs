@@ -6,7 +6,7 @@ use sage_core::{
     generator::Proposal,
     geometry::Point,
     motion::{DT, NOW},
-    objective::{Context, EgoPaths, Feasibility, Situation, drives_believably, is_believable_1},
+    objective::{Context, EgoPaths, Feasibility, PersonMet, Situation, drives_believably, is_believable_1},
 };
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +37,7 @@ pub struct Evaluated {
     pub reward: f64,
     /// Latest start of an evasive manoeuvre, seconds before the contact; `None` without one, or if it was not asked for.
     pub latest_start: Option<f64>,
-    /// Seconds from the onset of the plan to the latest start.
+    /// Seconds from the onset of the plan to the latest start; of a person, from when it is in sight and walks to the last full braking.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub human_time: Option<f64>,
     /// Latest start within the limits of UN R157's driver, asked if there is one at all.
@@ -46,6 +46,9 @@ pub struct Evaluated {
     /// The reference drivers that were asked whether the contact is preventable.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<Answer>,
+    /// The contact with a pedestrian or cyclist; `None` if the adversary is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub person: Option<PersonMet>,
     /// What becomes of the failure in each variant of the drive, if that was asked.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub variations: Vec<Variation>,
@@ -55,8 +58,7 @@ pub struct Evaluated {
 }
 
 impl Evaluated {
-    /// A drive that ended in an error of the driver.
-    pub(super) fn failed(plan: usize, error: String) -> Self {
+    fn of(plan: usize) -> Self {
         Self {
             plan,
             contact: None,
@@ -66,9 +68,15 @@ impl Evaluated {
             human_time: None,
             latest_start_r157: None,
             references: Vec::new(),
+            person: None,
             variations: Vec::new(),
-            error: Some(error),
+            error: None,
         }
+    }
+
+    /// A drive that ended in an error of the driver.
+    pub(super) fn failed(plan: usize, error: String) -> Self {
+        Self { error: Some(error), ..Self::of(plan) }
     }
 
     /// Why the drive is no failure; `None` if it is one.
@@ -145,16 +153,10 @@ impl<'t> Evaluator<'t> {
         path: &AttackedPath,
     ) -> Result<Evaluated, Error> {
         let mut evaluated = Evaluated {
-            plan: number,
             contact: Met::first(outcome, self.test),
             clauses: Clauses { attack: outcome.verdict.attack, ..Clauses::default() },
             reward: outcome.reward(),
-            latest_start: None,
-            human_time: None,
-            latest_start_r157: None,
-            references: Vec::new(),
-            variations: Vec::new(),
-            error: None,
+            ..Evaluated::of(number)
         };
         let Some(step) = evaluated.contact.as_ref().map(|met| met.step as usize) else {
             return Ok(evaluated);
@@ -163,24 +165,52 @@ impl<'t> Evaluator<'t> {
             return Ok(evaluated);
         }
         let ctx = path.context(self.ctx)?;
-        let situation = Situation::new(&plan.candidate, ctx.ego(), &ctx);
-        let believable_1 = outcome.verdict.solid && is_believable_1(&situation);
-        evaluated.clauses.believable_1 = Some(believable_1);
-        evaluated.clauses.believable = Some(believable_1 && drives_believably(&situation));
+        if ctx.adversary().kind.is_person() {
+            let met = PersonMet::at(&plan.candidate, ctx.ego(), &ctx, step);
+            evaluated.clauses.believable =
+                Some(met.is_some_and(|met| met.doubts(&plan.candidate, &ctx).is_empty()));
+            evaluated.clauses.strict = Some(met.is_some_and(|met| met.is_strict(&ctx.adversary().kind)));
+            evaluated.person = met;
+        } else {
+            let situation = Situation::new(&plan.candidate, ctx.ego(), &ctx);
+            let believable_1 = outcome.verdict.solid && is_believable_1(&situation);
+            evaluated.clauses.believable_1 = Some(believable_1);
+            evaluated.clauses.believable = Some(believable_1 && drives_believably(&situation));
+        }
         evaluated.clauses.at_fault = Some(outcome.verdict.at_fault);
-        let is_dear =
-            |clause: &Clause| matches!(clause, Clause::Avoidable | Clause::Preventable | Clause::Holds);
+        let is_dear = |clause: &Clause| {
+            matches!(clause, Clause::Avoidable | Clause::Preventable | Clause::Holds)
+                || clause.asked_time().is_some()
+        };
         let mut others = self.requirement.clauses().filter(|clause| !is_dear(clause));
         if !others.all(|clause| evaluated.clauses.holds(clause)) {
             return Ok(evaluated);
         }
-        if self.requirement.holds(Clause::Avoidable) || self.requirement.holds(Clause::Preventable) {
-            let time = Avoidance::new(&ctx, self.search)?.latest_start(&plan.candidate, step);
+        let asks_time = self.requirement.clauses().any(|clause| clause.asked_time().is_some());
+        if asks_time
+            || [Clause::Avoidable, Clause::Preventable].into_iter().any(|c| self.requirement.holds(c))
+        {
+            let avoidance = Avoidance::new(&ctx, self.search)?;
+            let time = avoidance.latest_start(&plan.candidate, step);
             evaluated.clauses.avoidable = Some(time.is_some());
             evaluated.latest_start = time;
-            evaluated.human_time =
-                time.map(|time| seconds(step as f64 * DT - time - onset(&plan.candidate, &ctx, step)));
-            if time.is_some() {
+            let human = match &evaluated.person {
+                Some(met) => {
+                    let brake = avoidance.latest_brake(&plan.candidate, step);
+                    brake.map(|brake| met.noticeable_for() - brake)
+                }
+                None => time.map(|time| step as f64 * DT - time - onset(&plan.candidate, &ctx, step)),
+            };
+            evaluated.human_time = human.map(seconds);
+            let has = |clause: Clause| {
+                let is_asked = evaluated.person.is_some() || self.requirement.holds(clause);
+                let time = clause.asked_time().filter(|_| is_asked)?;
+                Some(evaluated.human_time.is_some_and(|human| human >= time))
+            };
+            evaluated.clauses.human_time = has(Clause::HumanTime);
+            evaluated.clauses.human_time_r157 = has(Clause::HumanTimeR157);
+            // The regulation's model is of vehicles.
+            if time.is_some() && evaluated.person.is_none() {
                 let r157 = Avoidance::new(&ctx, AvoidanceOptions::r157())?;
                 evaluated.latest_start_r157 = r157.latest_start(&plan.candidate, step);
             }
@@ -243,6 +273,8 @@ impl<'t> Evaluator<'t> {
         let ctx = path.context(self.ctx)?;
         let step = met.and_then(|met| usize::try_from(met.step).ok());
         let avoidable = Avoidance::new(&ctx, self.search)?.of_contact(&plan.candidate, step);
+        // Lights, lines and the right of way of lanes are those of cars.
+        let met = met.filter(|_| !ctx.adversary().kind.is_person());
         Ok((avoidable, met.and_then(|met| Circumstances::of(&ctx, &plan.candidate, met))))
     }
 }

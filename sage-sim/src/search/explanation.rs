@@ -14,7 +14,7 @@ mod shrunk;
 use sage_core::{
     geometry::{OrientedBox, cross, distance, dot, sub, wrap_angle},
     motion::NOW,
-    objective::{CollisionType, Context, Feasibility},
+    objective::{CollisionType, Context, Feasibility, PersonMet},
 };
 use serde::{Deserialize, Serialize};
 
@@ -172,10 +172,23 @@ pub struct Explanation {
     pub shrunk: Option<Shrunk>,
     /// The other road users that it takes.
     pub needed: Needed,
+    /// The pedestrian or cyclist, if the adversary is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub person: Option<ExplainedPerson>,
     /// Braking of the driver, and what would have been enough.
     pub braking: Braking,
     /// Number of drives that the explanation took, unattacked ones included.
     pub drives: usize,
+}
+
+/// A person as the adversary of a failure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExplainedPerson {
+    /// `PEDESTRIAN` or `CYCLIST`.
+    pub kind: String,
+    /// The contact.
+    #[serde(flatten)]
+    pub met: PersonMet,
 }
 
 /// What explains the failures of a search.
@@ -198,7 +211,13 @@ impl Explainer<'_> {
         failure: &Failure,
     ) -> Result<Explanation, Error> {
         let mut drives = 0;
-        let shrunk = shrunk::shrink(self.evaluator, self.ctx, self.rule, plan, evaluated, &mut drives);
+        let kind = &self.ctx.adversary().kind;
+        let person = evaluated.person.map(|met| ExplainedPerson { kind: kind.name().to_owned(), met });
+        // Less of the way is another way: a person who walks half of it stops in the road.
+        let shrunk = match person {
+            Some(_) => None,
+            None => shrunk::shrink(self.evaluator, self.ctx, self.rule, plan, evaluated, &mut drives),
+        };
         let trajectory = plan.candidate.trajectory();
         let contact = evaluated.contact.as_ref().and_then(|met| usize::try_from(met.step).ok()).unwrap_or(0);
         let driven = Driven::new(&failure.path, contact);
@@ -216,6 +235,7 @@ impl Explainer<'_> {
         let recorded = recorded(self.ctx);
         let points = plan.candidate.points();
         let off = |step: usize| match step.checked_sub(1) {
+            _ if person.is_some() => None,
             None => Some(0.0),
             Some(k) => Some(distance(*points.get(k)?, *recorded.get(k)?)),
         };
@@ -228,6 +248,7 @@ impl Explainer<'_> {
             shrunk,
             needed,
             braking: Braking::of(&failure.path, &failure.avoidable, contact, off),
+            person,
             drives,
         })
     }

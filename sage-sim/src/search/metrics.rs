@@ -3,7 +3,7 @@
 use sage_core::{
     Error,
     metric::{Metric, Metrics},
-    objective::kinematic_penalty,
+    objective::{Context, kinematic_penalty},
 };
 
 use super::{Clause, Evaluated, Failure, Pool, PoolPlan, Reason, SearchResult, threshold};
@@ -19,23 +19,31 @@ pub struct MeasuredSearch {
     pub plans: usize,
     /// Largest number of drives.
     pub budget: usize,
+    /// Whether the adversary is a pedestrian or cyclist.
+    pub is_person: bool,
     /// Negative log-likelihood under the prior and kinematic penalty of the likeliest failure.
     pub likeliest: Option<(Option<f64>, f64)>,
 }
 
 impl MeasuredSearch {
     /// A search with its pool.
-    pub fn new(result: SearchResult, pool: &Pool, budget: usize) -> Self {
+    pub fn new(result: SearchResult, pool: &Pool, budget: usize, ctx: &Context) -> Self {
         let plan = |failure: &Failure| &pool.plans[result.driven[failure.drive].plan];
         let strain = |plan: &PoolPlan| (plan.proposal.nll, kinematic_penalty(plan.candidate.profile()));
         let likeliest = result.likeliest(pool).map(|failure| strain(plan(failure)));
-        Self { plans: pool.plans.len(), budget, likeliest, result }
+        let is_person = ctx.adversary().kind.is_person();
+        Self { plans: pool.plans.len(), budget, is_person, likeliest, result }
     }
 
     /// Drives until the first that meets a clause and the ones before it; `None` without one.
     fn first(&self, clause: Clause) -> Option<usize> {
         let meets = |evaluated: &Evaluated| evaluated.clauses.reach(clause);
         self.result.driven.iter().position(meets).map(|k| k + 1)
+    }
+
+    /// Whether a drive is something, if the adversary is a person.
+    fn of_person(&self, is: impl Fn(&Evaluated) -> bool) -> Option<bool> {
+        self.is_person.then(|| self.result.driven.iter().any(is))
     }
 
     fn first_failure(&self) -> Option<usize> {
@@ -55,6 +63,14 @@ pub fn search_metrics() -> Result<Metrics<MeasuredSearch>, Error> {
     type S = MeasuredSearch;
     let found = |name: &'static str, clause| {
         Metric::share(name, move |s: &S| Some(s.first(clause).is_some())).more_is_better()
+    };
+    let of_person = |name: &'static str, also: &'static [Clause]| {
+        Metric::share(name, move |s: &S| {
+            s.of_person(|evaluated| {
+                evaluated.clauses.reach(Clause::Preventable)
+                    && also.iter().all(|clause| evaluated.clauses.holds(*clause))
+            })
+        })
     };
     let by_reason = |reason: Reason| {
         let name = serde_json::to_value(reason).ok().and_then(|name| name.as_str().map(str::to_owned));
@@ -82,6 +98,16 @@ pub fn search_metrics() -> Result<Metrics<MeasuredSearch>, Error> {
             found("at fault", Clause::AtFault).about("a plan is a believable attack in which the driver is at fault"),
             found("avoidable", Clause::Avoidable)
                 .about("the same, and an evasive manoeuvre exists, knowing the plan; asked where references are"),
+            of_person("human time", &[Clause::HumanTime])
+                .about("the same with a preventable contact that leaves a person 0.75 s to react"),
+            of_person("human time r157", &[Clause::HumanTimeR157]).about("the same with 1.15 s"),
+            of_person("strict human time", &[Clause::HumanTime, Clause::Strict])
+                .about("the same with 0.75 s, by a person of at most 5 km/h on foot, 15 km/h by bicycle"),
+            Metric::share("failure by a witness", |s: &S| {
+                let clauses = [Clause::Attack, Clause::Believable, Clause::AtFault, Clause::Avoidable, Clause::HumanTime];
+                s.of_person(|evaluated| clauses.iter().all(|clause| evaluated.clauses.holds(*clause)))
+            })
+            .about("of people: believable, at fault, an evasive manoeuvre exists, and a person has 0.75 s to react"),
             Metric::share("failure", |s: &S| Some(!s.result.failures.is_empty()))
                 .about("a plan meets all required clauses")
                 .with_note(|s| s.result.reason.map(|reason| reason.words().to_owned()))

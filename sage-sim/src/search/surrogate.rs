@@ -7,12 +7,14 @@
 //! a small weight, which no plan is near to: it speaks where nothing else does. What is unlike all that was driven is worth a
 //! little more.
 //!
+//! Of a pedestrian or cyclist a trial is worth what [`promise`] says.
+//!
 //! The constants were chosen on recorded scenes that are neither of the training nor of the validation split, for four drivers at once.
 
 use sage_core::{
     geometry::OrientedBox,
     motion::{DT, HORIZON},
-    objective::{Context, MIN_DEPTH},
+    objective::{Context, MIN_DEPTH, person::promise},
 };
 
 use super::{AttackedPath, Clause, PoolPlan, Requirement};
@@ -55,6 +57,7 @@ struct Trial {
 pub struct Surrogate {
     ego_size: [f64; 2],
     asks_fault: bool,
+    is_person: bool,
     unattacked: Vec<OrientedBox>,
     plans: Vec<Vec<OrientedBox>>,
     expected: Vec<Expected>,
@@ -68,6 +71,7 @@ impl Surrogate {
         Self {
             ego_size: ctx.ego_size(),
             asks_fault: requirement.holds(Clause::AtFault),
+            is_person: ctx.adversary().kind.is_person(),
             unattacked: ctx.ego().boxes().iter().map_while(|area| *area).collect(),
             plans: Vec::new(),
             expected: Vec::new(),
@@ -116,6 +120,10 @@ impl Surrogate {
 
     /// Holds a plan against a path of the ego.
     fn trial(&self, plan: &[OrientedBox], path: &[OrientedBox]) -> Trial {
+        if self.is_person {
+            let found = promise(plan, path);
+            return Trial { value: found.value, step: found.step };
+        }
         let (mut nearest, mut at) = (f64::INFINITY, 0);
         for (step, (own, other)) in path.iter().zip(plan).enumerate() {
             let [dx, dy] = [own.center[0] - other.center[0], own.center[1] - other.center[1]];

@@ -179,14 +179,14 @@ impl Source {
     fn attacked(&self, args: &ConvertArgs, run: &DatasetRun, input: &Input) -> Result<Vec<String>> {
         let bytes = sage_data::read_bytes(&input.file)?;
         let hash = args.reading.options().source_hash(&bytes);
-        let recording = Recording::from_bytes_as(&input.file, bytes, &args.reading.options())?;
+        let mut recording = Recording::from_bytes_as(&input.file, bytes, &args.reading.options())?;
         let scenario = Options {
             standard: args.standard.unwrap_or_default(),
             ego: args.ego.unwrap_or_default(),
             license: None,
         };
         let formats = args.to.name().parse::<AttackFormats>().map_err(anyhow::Error::msg)?;
-        let writer = AttackedFiles::new(&recording, &input.scene, formats, scenario)?;
+        let mut writer = None;
         let mut names = Vec::new();
         for file in self.rows.get(&input.scene).into_iter().flatten() {
             let in_row = || format!("`{}`", file.display());
@@ -201,6 +201,16 @@ impl Source {
                 input.file.display(),
                 in_row()
             );
+            let writer = match &mut writer {
+                Some(writer) => writer,
+                none => {
+                    // All rows of a run have the same adversary.
+                    if let Some(placed) = &row.generated.placed {
+                        recording = placed.of(recording)?;
+                    }
+                    none.insert(AttackedFiles::new(&recording, &input.scene, formats, scenario.clone())?)
+                }
+            };
             let recorded = recording.scene.adversary().is_ok_and(|track| track.id == row.adversary);
             let scene = recording.scene.clone().with_roles(None, (!recorded).then_some(&*row.adversary))?;
             let attack = Attack {

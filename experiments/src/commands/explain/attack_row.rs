@@ -6,7 +6,7 @@ use std::{
 };
 
 use advsage::{
-    Registries,
+    AdversarySpec, Registries,
     rows::{
         ROW_LIMIT,
         attack::{AttackRow, CandidateRow},
@@ -57,7 +57,8 @@ impl RecordedAttack {
             Some(given) => source(&row, given, options)?,
             None => Recording::read(&scene_file(&row, path)?)?,
         };
-        let scene = Arc::new(recording.scene.with_roles(None, Some(&row.adversary))?);
+        let placed = row.generated.placed.as_ref();
+        let scene = Arc::new(AdversarySpec::of_row(placed, recording, &row.adversary)?.scene);
         let proposal = |CandidateRow { log_prob, nll, goal, trajectory, .. }: CandidateRow<Trajectory>| {
             Proposal { trajectory, log_prob, goal, nll }
         };

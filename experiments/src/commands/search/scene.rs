@@ -59,7 +59,7 @@ impl SceneJob for Searcher<'_> {
 
     fn work(&self, run: &DatasetRun, scene: &SceneFile, recording: Recording) -> Result<SceneReport> {
         let one = OneScene { searcher: self, run, name: &scene.input.scene, source_hash: &scene.hash };
-        one.search(&recording)
+        one.search(recording)
     }
 }
 
@@ -72,14 +72,15 @@ struct OneScene<'s> {
 }
 
 impl OneScene<'_> {
-    fn search(&self, recording: &Recording) -> Result<SceneReport> {
+    fn search(&self, recording: Recording) -> Result<SceneReport> {
         let searcher = self.searcher;
         let args = searcher.args;
         let clock = Instant::now();
         let warnings = checks::important(&recording.scene);
-        let files = AttackedFiles::new(recording, self.name, args.format, searcher.scenario_options())?;
+        let recording = args.attack.adversary().of(recording)?;
+        let files = AttackedFiles::new(&recording, self.name, args.format, searcher.scenario_options())?;
         files.check_names([&*failure_name(searcher.options.budget)].into_iter())?;
-        let scene = Arc::new(recording.scene.clone().with_roles(None, args.attack.adversary.as_deref())?);
+        let scene = Arc::new(recording.scene.clone());
         let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
         let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
         let times = Arc::new(StepTimes::default());
@@ -212,7 +213,8 @@ impl OneScene<'_> {
             |key| GeneratedBy::at(&key.part(), merger, key.point.as_ref()),
         );
         let options = of_plan.options.clone().filter(|options| !options.is_empty());
-        GeneratedBy { options, search: Some(self.searcher.options), ..of_plan }
+        let placed = self.searcher.args.attack.adversary().placed();
+        GeneratedBy { options, search: Some(self.searcher.options), placed, ..of_plan }
     }
 
     fn drives<'r>(&'r self, head: &'r RowHead, pool: &'r Pool, result: &'r SearchResult) -> DrivesFile<'r> {

@@ -1,7 +1,7 @@
 //! All inputs of `sage search` except the scenes.
 
 use advsage::{
-    Registries,
+    PersonKind, Registries,
     ego::{self, Ego},
     generators::weight_hashes,
     named_search::{NamedSearch, SearchSpec},
@@ -12,6 +12,7 @@ use advsage::{
 use anyhow::{Result, ensure};
 use sage_core::objective::{ObjectiveSpec, PartSpec};
 use sage_data::{ReadOptions, openscenario::Options};
+use sage_generators::Placement;
 use sage_run::{
     networks,
     output::{self, Producer},
@@ -42,6 +43,10 @@ struct Identity<'a> {
     search: SearchIdentity,
     plans: usize,
     adversary: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    adversary_type: Option<PersonKind>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    place: Option<Placement>,
     seed: u64,
     format: &'static str,
     ego: Value,
@@ -95,11 +100,14 @@ impl<'a> Searcher<'a> {
         let ego = Ego::new(&args.planner.applied(&args.ego), registries)?
             .with_references(&args.reference, registries)?;
         let ego = Ego { fault: args.fault, ..ego };
+        let adversary = args.attack.adversary();
         ensure!(
-            args.method.is_some() || args.attack.generator.options.is_none(),
+            args.method.is_some() || adversary.kind.is_some() || args.attack.generator.options.is_none(),
             "--options needs a generator; name it with --method, such as --method sage"
         );
-        let spec = SearchSpec { generator: args.attack.spec(args.method.as_ref())?, plans: args.plans };
+        let require = args.require.unwrap_or_else(|| adversary.requirement());
+        let generator = args.attack.spec(args.method.as_ref(), Some(require))?;
+        let spec = SearchSpec { generator, plans: args.plans };
         let named = spec.build_with(registries, networks::announce_experts)?;
         named.notes.iter().for_each(|note| progress::say(&format!("warning: {note}")));
         let plans_against_ego = named.method.as_ref().is_some_and(|(_, facts)| facts.plans_against_ego);
@@ -108,7 +116,7 @@ impl<'a> Searcher<'a> {
         }
         let options = SearchOptions {
             budget: args.budget,
-            require: args.require,
+            require,
             first: args.first,
             order: args.order.0,
             refine: args.refine,
@@ -163,6 +171,8 @@ impl<'a> Searcher<'a> {
             search: SearchIdentity::of(self.options),
             plans: args.plans,
             adversary: args.attack.adversary.as_deref(),
+            adversary_type: args.attack.adversary_type,
+            place: args.attack.place,
             seed: generator.seed,
             format: args.format.name(),
             ego: ego::identity(&args.ego)?,

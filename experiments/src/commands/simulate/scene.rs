@@ -27,7 +27,7 @@ use sage_sim::{
 };
 use sage_view::player::{self, Page, Panel, Sweep};
 
-use super::{Job, attacks::SceneAttacks};
+use super::{Attacked, Job, attacks::SceneAttacks};
 
 /// Most drives of a driver that are shown side by side. More share a box with a slider.
 const MOST_BESIDE: usize = 5;
@@ -61,7 +61,16 @@ impl SceneJob for Job<'_> {
 
     fn work(&self, run: &DatasetRun, scene: &SceneFile, recording: Recording) -> Result<SceneReport> {
         let name = &scene.input.scene;
-        let wanted = self.args.options.adversary.as_deref();
+        let options = &self.args.options;
+        let wanted = options.adversary.as_deref();
+        let placed = match &self.attacked {
+            Attacked::FromFile(file) => file.generated().placed.clone(),
+            _ => options.adversary().placed(),
+        };
+        let recording = match placed {
+            Some(placed) => placed.of(recording)?,
+            None => recording,
+        };
         let (attacks, adversary) = SceneAttacks::of(&self.attacked, &recording, name, &scene.hash, wanted)?;
         let clock = Instant::now();
         let driven = recording.scene.with_roles(None, adversary.as_deref())?;

@@ -67,6 +67,7 @@ ADVERSARY: dict[str, Any] = {
     "budget": 16,  # of the search: drives in each scene
     "require": None,  # of the search: clauses of a failure
     "weights": None,  # of the search
+    "adversary_type": None,  # of the search: "pedestrian" or "cyclist", if scenes have one as the adversary (`Scene.with_person`)
 }
 
 #: Keys of MetaDrive that have one meaning here. It is accepted, so that a configuration can be kept.
@@ -256,7 +257,7 @@ def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
         given = {"plans": given}
     _refuse_unknown("config: adversary", given, ADVERSARY)
     adversary = {**ADVERSARY, **given}
-    for key in ("require", "weights", "curriculum"):
+    for key in ("require", "weights", "curriculum", "adversary_type"):
         if adversary[key] is not None and not isinstance(adversary[key], str):
             raise OptionError(f"config: adversary: {key} is {adversary[key]!r}; expected a text")
     # A configuration may come from a file, so it starts no program and imports nothing.
@@ -289,7 +290,7 @@ def adversary_of(config: dict[str, Any]) -> dict[str, Any] | None:
     elif "total_steps" in given:
         raise OptionError("config: adversary: total_steps is an option of a curriculum")
     if attackers != ["search"]:
-        for key in ("budget", "require", "weights"):
+        for key in ("budget", "require", "weights", "adversary_type"):
             if key in given:
                 raise OptionError(f"config: adversary: {key} is an option of a search, not of {attackers[0]}")
     for key in ("total_steps", "budget"):

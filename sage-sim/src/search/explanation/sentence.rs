@@ -2,10 +2,11 @@
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
-use sage_core::objective::CollisionType;
+use sage_core::objective::{CollisionType, PersonMet};
 
 use super::{
-    Approach, Braking, Deviation, Driving, Explanation, Needed, NeededRoadUser, Shrunk, braking::ROUNDING,
+    Approach, Braking, Deviation, Driving, ExplainedPerson, Explanation, Needed, NeededRoadUser, Shrunk,
+    braking::ROUNDING,
 };
 use crate::search::{Reason, manoeuvre::Manoeuvre};
 
@@ -32,6 +33,14 @@ impl Explanation {
     /// The failure of a driver with a contact so many seconds after *now*; `deviation` is that of its plan.
     pub fn sentence(&self, ego: &str, after: f64, deviation: Option<&Deviation>) -> String {
         let Driving { speed_now, speed, speeds, turned, manoeuvre } = self.ego;
+        if let Some(person) = &self.person {
+            return [
+                self.person_sentence(person, ego, after),
+                self.braking.sentence(),
+                self.needed.sentence(),
+            ]
+            .join(" ");
+        }
         let mut does = vec![goes("going", speed_now, speed, speeds)];
         match manoeuvre {
             _ if turned.abs() >= TURN => does.push(format!("turning {}", angle(turned))),
@@ -69,6 +78,31 @@ impl Explanation {
         sentences.push(self.needed.sentence());
         sentences.extend(self.shrunk.as_ref().and_then(Shrunk::sentence));
         sentences.join(" ")
+    }
+}
+
+impl Explanation {
+    /// Who is met, where and how, and what could be seen of it.
+    fn person_sentence(&self, person: &ExplainedPerson, ego: &str, after: f64) -> String {
+        let Driving { speed_now, speed, speeds, .. } = self.ego;
+        let PersonMet { contact, seen } = person.met;
+        let kind = person.kind.to_lowercase();
+        let moves = if kind == "cyclist" { "rides" } else { "walks" };
+        let beside = 100.0 * contact.offset.abs();
+        let place = if beside < 5.0 {
+            "the middle of its front".to_owned()
+        } else {
+            let side = if contact.offset > 0.0 { "left" } else { "right" };
+            format!("its front, {beside:.0} % of its width to the {side} of the middle")
+        };
+        format!(
+            "After {after:.1} s {ego}, {}, meets a {kind} from the {} ({:.1} m/s) with {place}. Before the contact the {kind} is in sight for \
+             {seen:.1} s and {moves} for {:.1} s.",
+            goes("going", speed_now, speed, speeds),
+            if contact.from_left { "left" } else { "right" },
+            contact.speed,
+            contact.walking
+        )
     }
 }
 
@@ -266,6 +300,8 @@ impl Reason {
             Self::NotAtFault => "the contact stays, but is not the driver's fault",
             Self::NotShownAvoidable => "the contact stays, and no evasive manoeuvre is found",
             Self::NotPreventable => "the contact stays, and no reference driver prevents it",
+            Self::NotStrict => "the contact stays, but the person is faster",
+            Self::NoHumanTime => "the contact stays, but leaves a person no time to react",
             Self::NotInEveryVariant => "the failure does not hold in every variant of the drive",
             Self::Budget => "the drives are used up",
         }

@@ -28,6 +28,7 @@ fn explanation() -> Explanation {
         collision: Some(CollisionType::Oncoming),
         ego: Driving { speed_now: 11.0, speed: 9.0, speeds: [9.0, 11.0], turned: 0.6, manoeuvre: None },
         length: 4.5,
+        person: None,
         shrunk: Some(Shrunk {
             share: 1.0,
             acceleration: 1.2,

@@ -24,6 +24,9 @@ use crate::{
 /// Names of the default references, in the order in which they are asked.
 pub const DEFAULT: [&str; 4] = ["r157", "idm", "pdm", "expert"];
 
+/// The same for a pedestrian or cyclist as the adversary: the first sees who is about to cross, and costs little.
+pub const DEFAULT_OF_PEOPLE: [&str; 4] = ["expert", "r157", "idm", "pdm"];
+
 /// A reference driver.
 ///
 /// Whether a careful and competent driver prevents what the recorded ego does not:
@@ -80,6 +83,19 @@ impl Prevention {
     }
 }
 
+/// References in the order in which they are asked: the given one, or [`DEFAULT_OF_PEOPLE`] in place of [`DEFAULT`].
+fn in_order(references: &[Reference], is_person: bool) -> Vec<&Reference> {
+    let place =
+        |order: [&str; 4], reference: &Reference| order.iter().position(|name| *name == reference.name);
+    let places: Option<Vec<usize>> = references.iter().map(|reference| place(DEFAULT, reference)).collect();
+    let is_default = places.is_some_and(|places| places.is_sorted());
+    let mut ordered: Vec<&Reference> = references.iter().collect();
+    if is_person && is_default {
+        ordered.sort_by_key(|reference| place(DEFAULT_OF_PEOPLE, reference));
+    }
+    ordered
+}
+
 /// References that have watched the driver of a test up to *now*.
 pub struct Watching<'r> {
     references: Vec<(&'r str, Option<Simulation>)>,
@@ -110,8 +126,10 @@ impl<'r> Watching<'r> {
             simulation.try_clone()?;
             Ok(simulation)
         };
+        let is_person = scene.scene().adversary()?.kind.is_person();
+        let references = in_order(references, is_person);
         let references =
-            references.iter().map(|reference| (&*reference.name, watch(reference).ok())).collect();
+            references.into_iter().map(|reference| (&*reference.name, watch(reference).ok())).collect();
         Ok(Self { references, adversary })
     }
 

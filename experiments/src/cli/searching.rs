@@ -69,7 +69,7 @@ pub(crate) struct SearchArgs {
     #[arg(long, help_heading = SEARCH, value_name = "CLAUSES")]
     pub require: Option<Requirement>,
     /// Reference drivers, asked in this order whether they prevent the contact, up to the first that does; the driver under test
-    /// is none of them.
+    /// is none of them. With --adversary-type the default order is expert, r157, idm, pdm.
     #[arg(long, help_heading = SEARCH, value_name = "NAMES", value_delimiter = ',', default_values_t = references::default_names())]
     pub reference: Vec<String>,
     /// Who is at fault: nuPlan's rule, or `careful`, by which an ego that has braked to below 3 m/s in its lane is not at fault if

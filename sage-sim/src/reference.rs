@@ -5,7 +5,7 @@
 //! with the adversary and none at its own fault with anybody, and stays on the road. References are asked in their order,
 //! up to the first that prevents the contact.
 
-use std::sync::Arc;
+use std::{cell::OnceCell, sync::Arc};
 
 use sage_core::motion::{HORIZON, NOW, Trajectory};
 use serde::{Deserialize, Serialize};
@@ -98,12 +98,23 @@ fn in_order(references: &[Reference], is_person: bool) -> Vec<&Reference> {
 
 /// References that have watched the driver of a test up to *now*.
 pub struct Watching<'r> {
-    references: Vec<(&'r str, Option<Simulation>)>,
+    references: Vec<Watched<'r>>,
+    scene: Arc<SimScene>,
+    /// What the car did up to *now*, and until then the plan, which is the log.
+    controls: Vec<Control>,
+    log: Arc<Plan>,
+    seed: u64,
     adversary: usize,
 }
 
+/// A reference with its simulation at *now*, once it is asked; none if it cannot drive here, or not be copied.
+struct Watched<'r> {
+    reference: &'r Reference,
+    at_now: OnceCell<Option<Simulation>>,
+}
+
 impl<'r> Watching<'r> {
-    /// Lets references watch a drive in a scene, given by what the car did in each step. One that cannot drive here, or not be
+    /// References that watch a drive in a scene, given by what the car did in each step, once they are asked. One that cannot drive here, or not be
     /// copied, answers `None`.
     ///
     /// *Errors*: the scene has no adversary.
@@ -114,23 +125,27 @@ impl<'r> Watching<'r> {
         seed: u64,
     ) -> Result<Self, Error> {
         let adversary = scene.scene().adversary_index()?;
-        // Plans are the log up to *now*.
         let log = Trajectory::new("log", vec![scene.scene().tracks[adversary].point(NOW); HORIZON])?;
-        let plan = Arc::new(Plan::of_adversary(scene.scene(), &log)?);
-        let watch = |reference: &'r Reference| -> Result<Simulation, Error> {
-            let plan = Some(plan.clone());
-            let mut simulation = Simulation::new(scene, &Arc::default(), plan, &*reference.policy, seed)?;
-            for control in controls.iter().take(NOW) {
-                simulation.watch(*control)?;
-            }
-            simulation.try_clone()?;
-            Ok(simulation)
-        };
+        let log = Arc::new(Plan::of_adversary(scene.scene(), &log)?);
+        let controls = controls.iter().take(NOW).copied().collect();
         let is_person = scene.scene().adversary()?.kind.is_person();
         let references = in_order(references, is_person);
-        let references =
-            references.into_iter().map(|reference| (&*reference.name, watch(reference).ok())).collect();
-        Ok(Self { references, adversary })
+        let watched = |reference| Watched { reference, at_now: OnceCell::new() };
+        let references = references.into_iter().map(watched).collect();
+        Ok(Self { references, scene: scene.clone(), controls, log, seed, adversary })
+    }
+
+    /// Lets a reference watch the drive up to *now*.
+    ///
+    /// *Errors*: it cannot drive here, or not be copied.
+    fn watch(&self, reference: &Reference) -> Result<Simulation, Error> {
+        let (plan, policy) = (Some(self.log.clone()), &*reference.policy);
+        let mut simulation = Simulation::new(&self.scene, &Arc::default(), plan, policy, self.seed)?;
+        for control in &self.controls {
+            simulation.watch(*control)?;
+        }
+        simulation.try_clone()?;
+        Ok(simulation)
     }
 
     /// Asks the references for a plan, up to the first that prevents the contact.
@@ -138,8 +153,8 @@ impl<'r> Watching<'r> {
     /// *Errors*: the plan is none for this scene.
     pub fn prevention(&self, plan: &Trajectory) -> Result<Prevention, Error> {
         let mut prevention = Prevention::default();
-        for (name, simulation) in &self.references {
-            let driven = match simulation {
+        for Watched { reference, at_now } in &self.references {
+            let driven = match at_now.get_or_init(|| self.watch(reference).ok()) {
                 Some(simulation) => {
                     let plan = Arc::new(Plan::of_adversary(simulation.world().scene().scene(), plan)?);
                     self.drive(simulation, plan).ok()
@@ -148,7 +163,7 @@ impl<'r> Watching<'r> {
             };
             let prevents = driven.as_ref().map(|(prevents, _)| *prevents);
             prevention.motions = driven.map_or(Vec::new(), |(_, motions)| motions);
-            prevention.answers.push(Answer { reference: (*name).to_owned(), prevents });
+            prevention.answers.push(Answer { reference: reference.name.clone(), prevents });
             if prevents == Some(true) {
                 break;
             }

@@ -6,6 +6,7 @@ use sage_core::{
     geometry::{OrientedBox, wrap_angle},
     motion::DT,
     objective::{Candidate, CollisionType, Context},
+    scene::TrackKind,
 };
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +23,33 @@ const FULL_TIME: f64 = 2.0;
 const BAND: f64 = 5.0;
 const BANDS: usize = 3;
 
+/// A kind of people.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Person {
+    /// On foot.
+    Pedestrian,
+    /// On a bicycle.
+    Cyclist,
+}
+
+impl Person {
+    fn of(kind: &TrackKind) -> Option<Self> {
+        match kind {
+            TrackKind::Pedestrian => Some(Self::Pedestrian),
+            TrackKind::Cyclist => Some(Self::Cyclist),
+            _ => None,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Pedestrian => "pedestrian",
+            Self::Cyclist => "cyclist",
+        }
+    }
+}
+
 /// Features of a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Features {
@@ -37,6 +65,9 @@ pub struct Features {
     pub ego: Manoeuvre,
     /// What the adversary does from *now* to the contact.
     pub adversary: Manoeuvre,
+    /// Whether the adversary is a person, and which.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub person: Option<Person>,
     /// What the contact happens on.
     pub road: RoadKind,
     /// Latest start of an evasive manoeuvre, s before the contact; `None` if it was not asked for.
@@ -63,6 +94,7 @@ impl Features {
             ego_speed: sage_core::geometry::distance(before, ego.center) / DT,
             ego: Manoeuvre::of(&boxes, index),
             adversary: Manoeuvre::of(&plan.boxes()[..step], index),
+            person: Person::of(&ctx.adversary().kind),
             road: RoadKind::at(ego.center, index),
             latest_start,
         })
@@ -85,7 +117,7 @@ impl Features {
         parts.iter().sum::<f64>() / parts.len() as f64
     }
 
-    /// Name of its cluster: type of the collision, what the ego does, and its speed.
+    /// Name of its cluster: type of the collision or kind of person, what the ego does, and its speed.
     pub fn cluster(&self) -> String {
         let band = (self.ego_speed / BAND).floor().clamp(0.0, BANDS as f64);
         let low = band * BAND;
@@ -94,7 +126,8 @@ impl Features {
         } else {
             format!("over {low:.0} m/s")
         };
-        format!("{}, ego {}, {speed}", self.collision.name(), self.ego.words())
+        let what = self.person.map_or(self.collision.name(), Person::name);
+        format!("{what}, ego {}, {speed}", self.ego.words())
     }
 }
 

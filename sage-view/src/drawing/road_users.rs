@@ -123,6 +123,17 @@ pub(super) fn role(svg: &mut Svg, viewport: &Viewport, b: &OrientedBox, role: Ro
     svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1""#, color::INK));
 }
 
+/// Draws a person as the adversary: a mark that is seen at any scale.
+pub(super) fn person(svg: &mut Svg, viewport: &Viewport, kind: &TrackKind, b: &OrientedBox) {
+    let tone = color::ADVERSARY;
+    let at = viewport.pixel(b.center);
+    svg.circle(at, 12.0, &format!(r#"fill="none" stroke="{tone}" stroke-width="2""#));
+    if *kind == TrackKind::Cyclist {
+        svg.polygon(&b.corners().map(|p| viewport.pixel(p)), &format!(r#"fill="{tone}""#));
+    }
+    svg.circle(at, 5.0, &format!(r##"fill="{tone}" stroke="#fff" stroke-width="1.5""##));
+}
+
 /// Draws the ego's evasive manoeuvre.
 pub(super) fn evasion(svg: &mut Svg, viewport: &Viewport, points: &[Point]) {
     let pixels: Vec<Point> = points.iter().map(|p| viewport.pixel(*p)).collect();

@@ -121,7 +121,9 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
         road_users::trajectory(&mut svg, &viewport, &candidate.points, Role::Adversary);
     }
     let role = |svg: &mut Svg, track: &Track, role: Role| {
-        if track.is_valid(frame) {
+        if track.is_valid(frame) && role == Role::Adversary && track.kind.is_person() {
+            road_users::person(svg, &viewport, &track.kind, &track.oriented_box(frame));
+        } else if track.is_valid(frame) {
             road_users::role(svg, &viewport, &track.oriented_box(frame), role);
         }
     };

@@ -110,6 +110,26 @@ function car(c, p, b, tone, { stripes = false, outline = "#555d66", dashed = fal
   c.restore();
 }
 
+// A person seen from above: a round body (a long one on a bicycle) and a line ahead; `least` is the smallest radius to be seen.
+function person(c, p, b, tone, least) {
+  const wide = Math.max(b.width / 2, least), long = Math.max(b.length / 2, wide);
+  c.save();
+  c.translate(p.x, p.y);
+  c.rotate(p.h);
+  c.beginPath();
+  c.ellipse(0, 0, long, wide, 0, 0, 7);
+  c.fillStyle = tone;
+  c.strokeStyle = colour.ink;
+  c.lineWidth = 0.1;
+  c.fill();
+  c.stroke();
+  c.beginPath();
+  c.moveTo(0, 0);
+  c.lineTo(1.6 * long, 0);
+  c.stroke();
+  c.restore();
+}
+
 // Distance of two boxes: apart, a corner of one is nearest to the other.
 function space(p, a, q, b) {
   const from = (p, a, q, b) => {
@@ -239,7 +259,9 @@ function drawPanel(panel) {
   if (escape) car(c, escape, panel.ego, colour.escape, { dashed: true });
   if (panel.marks && view.others) for (const m of panel.marks) mark(c, m, ratio / scale);
   const adversary = panel.adversary && pose(panel.adversary, time);
-  if (adversary) car(c, adversary, panel.adversary, colour.adversary, { stripes: true, outline: colour.ink });
+  const isPerson = adversary && ["pedestrian", "cyclist"].includes(panel.adversary.kind);
+  if (isPerson) person(c, adversary, panel.adversary, colour.adversary, (5 * ratio) / scale);
+  else if (adversary) car(c, adversary, panel.adversary, colour.adversary, { stripes: true, outline: colour.ink });
   car(c, own, panel.ego, colour.ego, { outline: colour.ink });
   if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(1, (7 * ratio) / scale));
   scaleBar(c, ratio, scale, height);

@@ -79,6 +79,7 @@ impl Entry {
         let features = driven.features(failure).with_context(|| name.clone())?;
         let Features { collision, ego, adversary, road, .. } = features;
         let circumstances = driven.circumstances(failure).with_context(|| name.clone())?;
+        let person = failure.evaluated.person;
         let met = failure.evaluated.contact.as_ref().with_context(|| format!("{name} has no `contact`"))?;
         let step = usize::try_from(met.step).unwrap_or_default();
         let [own, other] = driven.boxes_at(step).with_context(|| name.clone())?;
@@ -102,7 +103,7 @@ impl Entry {
             cluster: features.cluster(),
             collision: collision.name(),
             ego_does: ego.words(),
-            adversary_does: adversary.words(),
+            adversary_does: if person.is_some() { "crosses" } else { adversary.words() },
             road: road.words(),
             fault: met.class,
             at_fault: met.class.is_at_fault(),
@@ -117,9 +118,13 @@ impl Entry {
             sentence: failure.sentence.clone(),
             braking: failure.explanation.as_ref().map(|explanation| explanation.braking.class()),
             needs: failure.explanation.as_ref().map(|explanation| explanation.needed.words()),
-            adversary_from: circumstances.adversary_from.words(),
-            violation: circumstances.violation(),
-            right_of_way: circumstances.right_of_way.map_or("unknown", Party::words),
+            adversary_from: match (&circumstances, person) {
+                (Some(known), _) => known.adversary_from.words(),
+                (None, Some(met)) if met.contact.from_left => "the left",
+                (None, _) => "the right",
+            },
+            violation: circumstances.map_or("neither", |known| known.violation()),
+            right_of_way: circumstances.and_then(|known| known.right_of_way).map_or("unknown", Party::words),
             contact_after: met.step as f64 / 10.0,
             impact: met.impact_speed,
             reward: failure.evaluated.reward,

@@ -183,12 +183,15 @@ impl DrivenFailure {
         Features::of(&self.ctx, &self.plan, met, failure.avoidable.latest_start).context(NOT_WITHIN)
     }
 
-    /// Circumstances of a failure.
+    /// Circumstances of a failure; none if the adversary is a person.
     ///
     /// *Errors*: its contact is not within its path.
-    pub(in crate::commands) fn circumstances(&self, failure: &FailureRow) -> Result<Circumstances> {
+    pub(in crate::commands) fn circumstances(&self, failure: &FailureRow) -> Result<Option<Circumstances>> {
+        if failure.evaluated.person.is_some() {
+            return Ok(None);
+        }
         let met = failure.evaluated.contact.as_ref().context("it has no `contact`")?;
-        Circumstances::of(&self.ctx, &self.plan, met).context(NOT_WITHIN)
+        Circumstances::of(&self.ctx, &self.plan, met).map(Some).context(NOT_WITHIN)
     }
 
     /// Boxes of the ego and of the adversary at a step, 1 or later.

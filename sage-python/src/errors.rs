@@ -170,7 +170,7 @@ fn of_data(error: &sage_data::Error) -> Kind<'_> {
 fn of_core(error: &sage_core::Error) -> Kind<'_> {
     use sage_core::Error;
     match error {
-        Error::Scene { .. } | Error::ContactNow { .. } => Kind::Scene,
+        Error::Scene { .. } | Error::ContactNow { .. } | Error::NoPlace { .. } => Kind::Scene,
         Error::Unknown { .. } => Kind::Unknown,
         _ => Kind::Option,
     }

@@ -44,6 +44,30 @@ class Scenes(InFolder):
         for light in scene.lights:
             self.assertEqual(len(light["states"]), frames)
 
+    def test_people_are_placed_and_searched(self):
+        scenes = procedural(8)
+        found = sage.search(scenes, "idm", budget=8, adversary_type="pedestrian", place={"beyond": 1.0})
+        self.assertGreater(len(found), 3)
+        for failure in found:
+            self.assertIn("PEDESTRIAN", failure.scene.kinds[failure.scene.adversary])
+            self.assertTrue(failure.row["clauses"]["human-time"])
+            self.assertGreaterEqual(failure.row["person"]["seen"], 1.0)
+        # The same person by hand, in a file that says so.
+        placed = found[0].scene
+        path = os.path.join(self.folder, "placed.pkl")
+        placed.save(path)
+        again = sage.load(path)
+        self.assertEqual(again.track_ids[again.adversary], placed.track_ids[placed.adversary])
+        attack = sage.Generator(method="person", feasibility="person")(placed)
+        self.assertEqual(attack.trajectory.shape, (80, 2))
+        for call, error in (
+            (lambda: sage.search(scenes, "idm", adversary_type="horse"), sage.UnknownName),
+            (lambda: sage.search(scenes, "idm", adversary_type="pedestrian", weights="waymo"), sage.SageError),
+            (lambda: placed.with_person("cyclist", place={"beyond": -1}), sage.OptionError),
+        ):
+            with self.assertRaises(error):
+                call()
+
     def test_files_of_every_format(self):
         attacked = sage.Generator()(self.scene).scene
         for scene in (self.scene, attacked):

@@ -31,6 +31,8 @@ const TIMES: [f64; 2] = [-1.0, 2.5];
 /// Standard deviation of the aim along the ego's way and across it, metres.
 const ALONG: f64 = 1.5;
 const ACROSS: f64 = 0.5;
+/// Share of that spread towards the ego: people slant away from a car rather than into it.
+const TOWARDS: f64 = 0.4;
 /// Largest delay of the others, and standard deviation of their aims along the way, seconds and metres.
 const DELAY: f64 = 5.0;
 const ANYWHERE: f64 = 8.0;
@@ -71,7 +73,9 @@ impl Person {
         for _ in 0..self.candidates {
             let is_timed = rng.unit() < TIMED;
             let spread = if is_timed { ALONG } else { ANYWHERE };
-            let station = (way.stations[own] + spread * rng.normal()).clamp(0.0, way.length());
+            let along = spread * rng.normal();
+            let along = if along < 0.0 { TOWARDS * along } else { along };
+            let station = (way.stations[own] + along).clamp(0.0, way.length());
             let aim = way.beside(station, ACROSS * rng.normal());
             let intent = Intent {
                 aim,

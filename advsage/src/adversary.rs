@@ -3,7 +3,7 @@
 use sage_core::objective::{Feasibility, PersonFeasibility};
 use sage_core::registry::Entry;
 use sage_core::scene::{Scene, SceneIndex, TrackKind};
-use sage_data::Recording;
+use sage_data::{Recording, Warning, checks};
 use sage_generators::GeneratorKind;
 use sage_generators::{Person, Placement};
 use serde::{Deserialize, Serialize};
@@ -77,6 +77,13 @@ impl AdversarySpec {
     /// A road user by the id of its track; `None` for the one that the scene chooses.
     pub fn named(id: Option<&str>) -> Self {
         Self { id: id.map(str::to_owned), ..Self::default() }
+    }
+
+    /// What may change the results of a scene with this adversary: that its kind is no car's, unless that was asked.
+    pub fn warnings(&self, scene: &Scene) -> Vec<Warning> {
+        let mut all = checks::important(scene);
+        all.retain(|warning| self.kind.is_none() || warning.kind != "adversary-kind");
+        all
     }
 
     /// Checks what can be checked without a scene.

@@ -229,7 +229,12 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     of_trailers(scene, &mut warn);
     if let Some(track) = scene.adversary.map(|k| &scene.tracks[k]).filter(|t| t.kind != TrackKind::Vehicle) {
         let (id, kind) = (track.id.escape_debug(), track.kind.name().escape_debug());
-        let detail = format!("the adversary `{id}` is a {kind}: plans and rules are those of a car");
+        let detail = match track.kind.is_person() {
+            true => format!(
+                "the adversary `{id}` is a {kind}: its plans are those of a car unless --adversary-type says what it is"
+            ),
+            false => format!("the adversary `{id}` is a {kind}: plans and rules are those of a car"),
+        };
         warn("adversary-kind", detail);
     }
     let flickering = scene.tracks.iter().filter(|track| gaps_of(track) >= FLICKER).count();

@@ -82,3 +82,4 @@ pub use reading::ReadOptions;
 pub use recording::{MAX_SCENE_FILE, Recording, Source, is_source, read_bytes};
 pub use sage_core::scene::PROVENANCE;
 pub use variants::{Variant, VariantWriter};
+pub use warning::Warning;

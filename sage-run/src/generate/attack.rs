@@ -16,7 +16,7 @@ use sage_core::{
     objective::{Context, Scorer, Scores},
     scene::SceneIndex,
 };
-use sage_data::{ReadOptions, Recording, checks};
+use sage_data::{ReadOptions, Recording};
 use sage_sim::avoidable::Avoidance;
 
 use super::{
@@ -78,8 +78,9 @@ impl<'w> SceneWriter<'w> {
     fn attack(&self, recording: Recording) -> Result<SceneReport> {
         let job = self.job;
         let generator = &job.generator;
-        let warnings = checks::important(&recording.scene);
-        let recording = job.options.adversary.of(recording)?;
+        let adversary = &job.options.adversary;
+        let recording = adversary.of(recording)?;
+        let warnings = adversary.warnings(&recording.scene);
         let files = AttackedFiles::new(&recording, self.scene, job.options.format, job.scenario_options())?;
         files.check_names(job.variants().iter().map(|variant| &**variant))?;
         let scene = Arc::new(recording.scene);

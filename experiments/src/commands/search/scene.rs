@@ -19,7 +19,7 @@ use advsage::{
 };
 use anyhow::{Result, anyhow};
 use sage_core::scene::{Scene, SceneIndex};
-use sage_data::{ReadOptions, Recording, checks};
+use sage_data::{ReadOptions, Recording};
 use sage_run::{
     output::{self, DatasetRun},
     scene_queue::{FoundRow, Line, SceneFile, SceneJob, SceneReport},
@@ -76,8 +76,9 @@ impl OneScene<'_> {
         let searcher = self.searcher;
         let args = searcher.args;
         let clock = Instant::now();
-        let warnings = checks::important(&recording.scene);
-        let recording = args.attack.adversary().of(recording)?;
+        let adversary = args.attack.adversary();
+        let recording = adversary.of(recording)?;
+        let warnings = adversary.warnings(&recording.scene);
         let files = AttackedFiles::new(&recording, self.name, args.format, searcher.scenario_options())?;
         files.check_names([&*failure_name(searcher.options.budget)].into_iter())?;
         let scene = Arc::new(recording.scene.clone());

@@ -191,7 +191,7 @@ impl AdversarySpec {
         ];
         if let Some((name, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
             return Err(Error::Value(format!(
-                "`{name}` does not apply to a {} as the adversary: its plans come from `person`, within human limits, and no network \
+                "{name} does not apply to a {} as the adversary: its plans come from `person`, within human limits, and no network \
                  proposes them; leave it out",
                 kind.name()
             )));

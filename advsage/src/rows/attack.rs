@@ -95,7 +95,7 @@ pub struct CandidateRow<T, S = IgnoredAny> {
     pub scores: S,
 }
 
-/// The row of a scene in which no attack can be measured.
+/// The row of a scene in which no attack can be measured: the cars touch *now*, or a person has no place.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LeftOutRow {
     /// Hash of the run's identity.
@@ -116,7 +116,8 @@ impl LeftOutRow {
     /// The printed line.
     pub fn line(&self) -> String {
         let [scene, variant] = [&self.scene, &self.variant].map(|name| escaped_name(name));
-        format!("{scene} {variant}: left out, contact now")
+        let why = if self.left_out.contains("no_place") { "no place" } else { "contact now" };
+        format!("{scene} {variant}: left out, {why}")
     }
 }
 

@@ -141,7 +141,7 @@ pub(crate) struct AttackArgs {
     /// recorded way (`docs/people.md`). Plans come from the generator `person`, and no network proposes them.
     #[arg(long, help_heading = SCENE, value_name = "TYPE", value_enum)]
     pub adversary_type: Option<PersonKind>,
-    /// How a person is placed, as JSON: '{"side": "right", "beyond": 0.7, "ahead": [10, 90], "after": [2.5, 7], "clearance": 1.5,
+    /// How a person is placed, as JSON: '{"side": "right", "beyond": 0.7, "ahead": [10, 90], "after": [2.5, 7.5], "clearance": 1.5,
     /// "parked_car": false}' are metres and seconds.
     #[arg(long, help_heading = SCENE, value_name = "JSON", value_parser = placement, requires = "adversary_type", conflicts_with = "adversary")]
     pub place: Option<Placement>,
@@ -166,7 +166,7 @@ impl AttackArgs {
     pub(crate) fn spec(&self, method: Option<&Part>, require: Option<Requirement>) -> Result<GeneratorSpec> {
         self.generator.points.check().map_err(|problem| Cli::conflict(&problem))?;
         let spec = GeneratorSpec { method: method.cloned(), ..self.generator.clone() };
-        Ok(self.adversary().generator(spec, require)?)
+        self.adversary().generator(spec, require).map_err(|error| Cli::conflict(&format!("--{error}")))
     }
 
     /// The first option that is given and makes an attack what it is.

@@ -209,6 +209,7 @@ mod tests {
             ego_speed,
             ego: Manoeuvre::DrivesOn,
             adversary: Manoeuvre::MovesLeft,
+            person: None,
             road: RoadKind::Road,
             latest_start: Some(1.0),
         }

@@ -30,7 +30,7 @@ pub(super) struct Content<'c> {
     pub(super) title: &'c str,
     pub(super) subtitle: &'c str,
     pub(super) ego: &'c str,
-    pub(super) adversary: Option<&'c str>,
+    pub(super) adversary: Option<(&'c str, &'c TrackKind)>,
     /// Names of the candidates and the step of their first contact.
     pub(super) candidates: &'c [(String, Option<usize>)],
     /// Plans of a search.
@@ -85,10 +85,14 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
     let (viewport, car) = sign_car(sign);
     road_users::role(svg, &viewport, &car, Role::Ego);
     ramp(svg, at, Role::Ego.ramp(), "its recording");
-    if let Some(adversary) = content.adversary {
+    if let Some((adversary, kind)) = content.adversary {
         let sign = at.next(svg, &format!("adversary {adversary}"));
         let (viewport, car) = sign_car(sign);
-        road_users::role(svg, &viewport, &car, Role::Adversary);
+        if kind.is_person() {
+            road_users::person(svg, &viewport, &TrackKind::Pedestrian, &car);
+        } else {
+            road_users::role(svg, &viewport, &car, Role::Adversary);
+        }
         let words = if content.candidates.is_empty() { "its trajectory" } else { "candidates" };
         if content.tried.is_empty() {
             ramp(svg, at, Role::Adversary.ramp(), words);

@@ -155,7 +155,7 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
         title: &picture.title,
         subtitle: &format!("{}, frame {frame} ({:+.1} s)", scene.id, (frame as f64 - NOW as f64) / 10.0),
         ego: &scene.ego().id,
-        adversary: adversary.map(|track| &track.id[..]),
+        adversary: adversary.map(|track| (&track.id[..], &track.kind)),
         candidates: &names,
         tried: &picture.tried,
         evasion: picture.evasion.as_ref().map(|(start, _)| *start),

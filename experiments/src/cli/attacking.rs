@@ -166,7 +166,7 @@ impl AttackArgs {
     pub(crate) fn spec(&self, method: Option<&Part>, require: Option<Requirement>) -> Result<GeneratorSpec> {
         self.generator.points.check().map_err(|problem| Cli::conflict(&problem))?;
         let spec = GeneratorSpec { method: method.cloned(), ..self.generator.clone() };
-        self.adversary().generator(spec, require).map_err(|error| Cli::conflict(&format!("--{error}")))
+        Ok(self.adversary().generator(spec, require).map_err(|error| Cli::conflict(&format!("--{error}")))?)
     }
 
     /// The first option that is given and makes an attack what it is.

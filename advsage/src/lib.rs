@@ -49,6 +49,7 @@
 //! - [`rows`] are results as files hold them, [`attacked_files`] and [`scenario_files`] the scenes of attacks.
 
 pub mod adversary;
+mod adversary_plans;
 pub mod attacked_files;
 pub mod dial;
 pub mod driver_search;

@@ -3,14 +3,15 @@
 //!
 //! A driver passes if it is at fault in no contact with anybody, stays on the road, and makes *progress*: along its route
 //! from *now* on, at least half of what the reference driver does that prevents the contact, or, where none prevents it, of
-//! its own unattacked drive, or of the recording if it does less than half of that; all up to the contact of the driver under
-//! test. Where that is less than 5 m, progress is not asked, but of a driver that is less than half as fast *now* as the recording:
+//! its own unattacked drive up to where the plan would meet it, or of the recording if it does less than half
+//! of that; all up to the contact of the driver under test. Where that is less than 5 m, progress is not asked, but of a driver that is less than half as fast *now* as the recording:
 //! the reference driver starts from its state, so it is compared with the recording. A contact that is not its fault, or whose fault is unknown,
 //! passes with a mark.
 
 use sage_core::{
     geometry::norm,
     motion::{NOW, Trajectory},
+    objective::Encounter,
 };
 use serde::{Deserialize, Serialize};
 
@@ -150,8 +151,14 @@ impl TestDrive {
                 other => (other, reference),
             },
             None => {
-                let (own, recorded) = (from_now(until_contact(test.unattacked())), recorded());
-                if own < SHARE * recorded { (recorded, RECORDING) } else { (own, UNATTACKED) }
+                let (own, recorded) = (until_contact(test.unattacked()), recorded());
+                if from_now(own) < SHARE * recorded {
+                    (recorded, RECORDING)
+                } else {
+                    // Who waits where the plan passes drives well.
+                    let meeting = meeting(test, plan)?.unwrap_or(own.len());
+                    (from_now(&own[..own.len().min(meeting)]), UNATTACKED)
+                }
             }
         };
         let measured = Self {
@@ -175,6 +182,13 @@ impl TestDrive {
         ];
         found.into_iter().find_map(|(fails, shortfall)| fails.then_some(shortfall))
     }
+}
+
+/// Frame at which the unattacked drive would meet a plan.
+fn meeting(test: &AttackTest, plan: &Trajectory) -> Result<Option<usize>, Error> {
+    let ctx = test.context()?;
+    let encounter = Encounter::of(&ctx.candidate(plan.clone()), ctx.ego());
+    Ok(encounter.contact.map(|step| NOW + step))
 }
 
 #[cfg(test)]

@@ -15,11 +15,12 @@ use sage_core::{
     generator::{Knowledge, Note, Observation, OperatingPoint, Proposal},
     motion::{NOW, Trajectory},
     objective::{Context, ContextOptions, Objective, ObjectiveSpec, Scorer, feasibilities, rewards},
-    scene::{Scene, SceneIndex},
+    registry::Entry,
+    scene::{Scene, SceneIndex, TrackKind},
 };
 use sage_data::procedural::{Kind, generate};
 use sage_generators::{
-    GeneratorInputs, generators,
+    GeneratorInputs, GeneratorKind, Person, Placement, generators,
     proposers::{MixedExperts, ProposalOptions},
     selector::{CatSelector, Selector as _},
 };
@@ -42,6 +43,18 @@ fn context(scene: &Arc<Scene>) -> Context {
     Context::new(scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default()).unwrap()
 }
 
+/// A scene for a generator: with a pedestrian as the adversary for the one that plans for people.
+fn scene_for(generator: &str) -> Scene {
+    let mut scene = generate(Kind::FourWay, 5, 1).unwrap();
+    if generator == <Person as Entry<dyn GeneratorKind>>::NAME {
+        let index = SceneIndex::new(scene.map.clone());
+        let placed = Placement::default().tracks(&scene, &index, &TrackKind::Pedestrian).unwrap();
+        scene.adversary = Some(scene.tracks.len());
+        scene.tracks.extend(placed);
+    }
+    scene
+}
+
 /// The scene with another future of all tracks.
 fn with_another_future(scene: &Scene) -> Scene {
     let mut other = scene.clone();
@@ -56,12 +69,12 @@ fn with_another_future(scene: &Scene) -> Scene {
 
 #[test]
 fn an_attack_does_not_depend_on_other_operating_points() {
-    let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
-    let ctx = context(&scene);
     let inputs = inputs("natural");
     let points = [0.0, 0.5, 1.0, 0.5].map(|lambda| OperatingPoint::at(lambda, 0.5 * lambda));
     let registry = generators().unwrap();
     for entry in registry.entries() {
+        let scene = Arc::new(scene_for(entry.name));
+        let ctx = context(&scene);
         let generator = registry.build_default(entry.name).unwrap().build(&inputs).unwrap();
         let together = generator.attacks(&ctx, &points, 3).unwrap();
         assert_eq!(together.len(), points.len(), "{}", entry.name);
@@ -76,13 +89,13 @@ fn an_attack_does_not_depend_on_other_operating_points() {
 
 #[test]
 fn generators_that_use_only_history_do_not_depend_on_the_future() {
-    let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
-    let other = Arc::new(with_another_future(&scene));
-    let [ctx, changed] = [&scene, &other].map(context);
     let (inputs, at) = (inputs("paper-selection"), [OperatingPoint::at(1.0, 1.0)]);
     let registry = generators().unwrap();
     let mut checked = 0;
     for entry in registry.entries() {
+        let scene = Arc::new(scene_for(entry.name));
+        let other = Arc::new(with_another_future(&scene));
+        let [ctx, changed] = [&scene, &other].map(context);
         let kind = registry.build_default(entry.name).unwrap();
         let generator = kind.build(&inputs).unwrap();
         let [a, b] = [&ctx, &changed].map(|ctx| generator.attacks(ctx, &at, 0).unwrap());

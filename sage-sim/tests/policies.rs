@@ -218,7 +218,7 @@ fn options_out_of_range_are_refused() {
     assert_snapshot!(said.join("\n"), @r#"
     idm{"limits":[1.0,2.0]} -> options of policy `idm`: `limits` is [1, 2]; expected a number below 0 and one above
     idm{"model":{"standing_gap":0.0}} -> options of policy `idm`: `model.standing_gap` is 0; expected a number above 0
-    idm{"sped":1} -> options of policy `idm`: unknown field `sped`, expected one of `model`, `speed_limits`, `curves`, `limits`, `lane_changes`, `red_lights`
+    idm{"sped":1} -> options of policy `idm`: unknown field `sped`, expected one of `model`, `speed_limits`, `curves`, `limits`, `lane_changes`, `red_lights`, `people`
     idm{"lane_changes":{"politeness":-1.0}} -> options of policy `idm`: `lane_changes.politeness` is -1; expected a number, at least 0
     expert{"brakes":[]} -> options of policy `expert`: `brakes` is []; expected numbers below 0, at least one
     constant{"steer":2.0} -> options of policy `constant`: `steer` is 2; expected a number from -1 to 1

@@ -46,6 +46,7 @@
 //! - [`adversary`] says who attacks: the road user that a scene chooses, a named one, or a person who is placed there.
 //! - [`ego`] builds drivers, with [`references`] that say whether a contact is preventable. [`named_search`] and [`search`] find what they
 //!   fail at.
+//! - [`rate`] weighs failures by how likely the adversary's plans are.
 //! - [`rows`] are results as files hold them, [`attacked_files`] and [`scenario_files`] the scenes of attacks.
 
 pub mod adversary;
@@ -66,6 +67,7 @@ pub mod operating_point;
 pub mod part;
 pub mod planned_attack;
 pub mod prepared;
+pub mod rate;
 pub mod references;
 mod registries;
 pub mod rows;

@@ -7,6 +7,7 @@ mod drive_panel;
 pub mod failure;
 mod generated_by;
 pub mod plan;
+pub mod rate;
 pub mod search;
 
 pub use generated_by::GeneratedBy;

@@ -12,6 +12,7 @@ mod help;
 mod learning;
 mod mixing;
 mod planner;
+mod rating;
 mod reading;
 mod searching;
 mod sharding;
@@ -44,6 +45,7 @@ pub(crate) use driving::SimulateArgs;
 pub(crate) use learning::{FinetuneArgs, MOST_ROLES, PredictArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use planner::PlannerArgs;
+pub(crate) use rating::RateArgs;
 pub(crate) use reading::{ReadingArgs, SplitArgs};
 pub(crate) use searching::SearchArgs;
 pub(crate) use sharding::{JoinArgs, StatusArgs};
@@ -94,6 +96,7 @@ pub(crate) enum Command {
     Explain(ExplainArgs),
     Simulate(SimulateArgs),
     Search(Box<SearchArgs>),
+    Rate(Box<RateArgs>),
     Report(FailureReportArgs),
     Suite(SuiteArgs),
     Test(TestArgs),
@@ -386,6 +389,7 @@ impl Cli {
             | Command::Generate(_)
             | Command::Simulate(_)
             | Command::Search(_)
+            | Command::Rate(_)
             | Command::Test(_)
             | Command::Join(_)
             | Command::TrainEgo(_)

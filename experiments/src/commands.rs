@@ -16,6 +16,7 @@ pub(crate) mod list;
 pub(crate) mod merge;
 pub(crate) mod predict;
 pub(crate) mod pretrain;
+pub(crate) mod rate;
 pub(crate) mod report;
 pub(crate) mod scenes;
 pub(crate) mod score;

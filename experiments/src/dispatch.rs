@@ -39,6 +39,7 @@ impl Cli {
                 commands::simulate::run(&args, Extent::of(args.shard), &registries.parts)
             }
             Command::Search(args) => commands::search::run(&args, Extent::of(args.shard), &registries.parts),
+            Command::Rate(args) => commands::rate::run(&args, Extent::of(args.shard), &registries.parts),
             Command::Report(args) => commands::report::run(&args),
             Command::Suite(args) => commands::suite::run(&args),
             Command::Test(args) => commands::test::run(&args, &registries.parts),

@@ -41,6 +41,7 @@ fn killed_runs_over_scenes_resume_to_the_same_files() {
         "generate",
         "simulate",
         "search",
+        "rate",
         "convert",
         "convert-shards",
         "convert-scenarios",

@@ -24,6 +24,7 @@ fn commands_with_weights(scene: &str) -> Vec<Vec<String>> {
         "explain SCENE --lambda 1 --json",
         "simulate SCENE --ego idm --method sage --lambda 1 --json",
         "search SCENE --ego idm --budget 4 --json",
+        "rate SCENE --ego idm --budget 4 --json",
         "predict SCENE --k 3 --json",
         "bench open-loop SCENE --method sage",
         "bench drivers SCENE --ego idm",
@@ -103,7 +104,7 @@ fn tables_and_notes_fit_a_terminal() {
     let candidates = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.json");
     let candidates = candidates.display().to_string();
     let (scenes, found, suite) = (at("scenes"), at("found"), at("suite"));
-    let commands: [&[&str]; 19] = [
+    let commands: [&[&str]; 20] = [
         &["list"],
         &["bench", "list"],
         &["inspect", &scene, &scenes],
@@ -116,6 +117,7 @@ fn tables_and_notes_fit_a_terminal() {
         &["simulate", &scenes, "--ego", "replay,idm", "--out", &at("b")],
         &["simulate", &scenes, "--ego", "idm", "--method", "sage", "--lambda", "0,1", "--out", &at("c")],
         &["search", &scenes, "--ego", "expert", "--budget", "8", "--out", &at("d")],
+        &["rate", &scenes, "--ego", "idm,expert", "--budget", "8", "--out", &at("j")],
         &["report", &found, "--out", &at("e")],
         &["suite", &found, "--diverse", "3", "--out", &at("f")],
         &["test", &suite, "--ego", "idm"],

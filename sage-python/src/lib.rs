@@ -28,6 +28,7 @@ mod observation;
 mod parts;
 mod planner;
 mod planner_drive;
+mod rating;
 mod results;
 mod scene;
 mod scoring;
@@ -68,6 +69,7 @@ fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(folder::load_folder, module)?)?;
     module.add_function(wrap_pyfunction!(attacks::generate_many, module)?)?;
     module.add_function(wrap_pyfunction!(searching::search_each, module)?)?;
+    module.add_function(wrap_pyfunction!(rating::rate_each, module)?)?;
     module.add_function(wrap_pyfunction!(parts::names, module)?)?;
     module.add_function(wrap_pyfunction!(loading::load, module)?)?;
     module.add_function(wrap_pyfunction!(loading::make, module)?)?;

@@ -33,60 +33,29 @@ use crate::{
     values,
 };
 
-/// What searches scenes.
+/// What drives against many plans in a scene: its row, and one for each failure.
+type Work = dyn Fn(&SceneData) -> Result<(Value, Vec<Value>)> + Send + Sync;
+
+/// Work on scenes with a driver in the loop.
 struct Searcher {
-    named: NamedSearch,
+    work: Box<Work>,
     /// A person who is placed in each scene, if one is asked for.
     person: Option<AdversarySpec>,
     driver: Driver,
-    options: SearchOptions,
-    seed: u64,
-}
-
-impl Searcher {
-    /// The rows of a scene: its own, and one for each failure.
-    fn search(&self, scene: &SceneData) -> Result<(Value, Vec<Value>)> {
-        let simulated = SimScene::new(scene.scene.clone(), scene.index.clone())?;
-        let driver = DriverInScene::new(&simulated, |scene| {
-            let test = AttackTest::new(&*self.driver.policy, scene, self.seed)?;
-            Ok::<_, Error>(test.with_references(&self.driver.references))
-        })?;
-        let found = self.named.search(&driver, &self.options, self.seed)?;
-        let (pool, result) = (&found.0, &found.1);
-        if result.reason == Some(Reason::Error) {
-            let first = result.driven.first().and_then(|driven| driven.error.clone()).unwrap_or_default();
-            return Err(Error::Planner {
-                scene: scene.scene.id.clone(),
-                step: None,
-                is_late: false,
-                problem: format!("every attacked drive ended in an error; the first: {first}"),
-                log: PlannerLog::default(),
-                drive: None,
-            }
-            .into());
-        }
-        let head = RowHead {
-            run_hash: String::new(),
-            scene: scene.name.clone(),
-            ego: self.driver.label.clone(),
-            source_hash: String::new(),
-            seed: self.seed,
-            adversary: driver.ctx.adversary().id.clone(),
-        };
-        search_rows(&head, &self.options, &driver.test, pool, result, &self.named.plans)
-    }
 }
 
 /// What becomes of one scene.
 type Searched = (Option<Py<PyScene>>, Shared, Value, Vec<Value>);
 
-fn searched(item: Item, searcher: &Searcher) -> Result<Searched> {
-    let (mut object, mut shared) = item.read()?;
-    if let Some(person) = &searcher.person {
-        (object, shared) = (None, shared.with_adversary(person)?);
+impl Searcher {
+    fn searched(&self, item: Item) -> Result<Searched> {
+        let (mut object, mut shared) = item.read()?;
+        if let Some(person) = &self.person {
+            (object, shared) = (None, shared.with_adversary(person)?);
+        }
+        let (row, failures) = (self.work)(&shared.0)?;
+        Ok((object, shared, row, failures))
     }
-    let (row, failures) = searcher.search(&shared.0)?;
-    Ok((object, shared, row, failures))
 }
 
 /// A scene, its row, and the rows of its failures.
@@ -117,7 +86,7 @@ impl PySearched {
             None => {
                 let Some(scene) = scenes.clone().next() else { return Ok(None) };
                 let item = Item::of(&scene?)?;
-                let searched = detached(py, || searched(item, &this.searcher));
+                let searched = detached(py, || this.searcher.searched(item));
                 // An interrupt is no error of the driver.
                 this.searcher.driver.raise_interrupt()?;
                 searched?
@@ -132,6 +101,82 @@ impl PySearched {
         let scene = object(py, scene, shared)?;
         Ok(Some((scene, values::from_json(py, &row)?, PyList::new(py, failures)?)))
     }
+}
+
+impl PySearched {
+    /// Works on scenes, each in turn.
+    ///
+    /// *Errors*: scenes that are none; a number of threads that cannot be.
+    pub(crate) fn new(
+        scenes: &Bound<'_, PyAny>,
+        driver: Driver,
+        person: Option<AdversarySpec>,
+        threads: Option<usize>,
+        work: Box<Work>,
+    ) -> PyResult<Self> {
+        let threads = self::threads(threads)?;
+        let scenes = iterator(scenes)?;
+        let is_python = driver.planner.is_some();
+        let searcher = Arc::new(Searcher { work, person, driver });
+        let ahead = if is_python {
+            None
+        } else {
+            let searcher = searcher.clone();
+            Some(Mutex::new(Ahead::new(threads, move |item| searcher.searched(item))?))
+        };
+        Ok(Self { searcher, scenes, ahead, turn: Turn::default() })
+    }
+}
+
+/// The head of a row.
+pub(crate) fn head(scene: &SceneData, driver: &Driver, in_scene: &DriverInScene, seed: u64) -> RowHead {
+    RowHead {
+        run_hash: String::new(),
+        scene: scene.name.clone(),
+        ego: driver.label.clone(),
+        source_hash: String::new(),
+        seed,
+        adversary: in_scene.ctx.adversary().id.clone(),
+    }
+}
+
+/// The driver in a scene, with its reference drivers.
+///
+/// *Errors*: a scene in which it cannot drive.
+pub(crate) fn in_scene<'d>(scene: &SceneData, driver: &'d Driver, seed: u64) -> Result<DriverInScene<'d>> {
+    let simulated = SimScene::new(scene.scene.clone(), scene.index.clone())?;
+    let test = |scene: &Arc<SimScene>| {
+        let test = AttackTest::new(&*driver.policy, scene, seed)?;
+        Ok::<_, Error>(test.with_references(&driver.references))
+    };
+    Ok(DriverInScene::new(&simulated, test)?)
+}
+
+/// The rows of a search in a scene.
+fn search(
+    scene: &SceneData,
+    named: &NamedSearch,
+    driver: &Driver,
+    options: &SearchOptions,
+    seed: u64,
+) -> Result<(Value, Vec<Value>)> {
+    let in_scene = in_scene(scene, driver, seed)?;
+    let found = named.search(&in_scene, options, seed)?;
+    let (pool, result) = (&found.0, &found.1);
+    if result.reason == Some(Reason::Error) {
+        let first = result.driven.first().and_then(|driven| driven.error.clone()).unwrap_or_default();
+        return Err(Error::Planner {
+            scene: scene.scene.id.clone(),
+            step: None,
+            is_late: false,
+            problem: format!("every attacked drive ended in an error; the first: {first}"),
+            log: PlannerLog::default(),
+            drive: None,
+        }
+        .into());
+    }
+    let head = head(scene, driver, &in_scene, seed);
+    search_rows(&head, options, &in_scene.test, pool, result, &named.plans)
 }
 
 /// A value of a list of words.
@@ -207,21 +252,10 @@ pub(crate) fn search_each(
     let generator = GeneratorSpec { seed, ..spec(&keywords)? };
     let generator = detached(py, || Ok(adversary.generator(generator, Some(require))?))?;
     let spec = SearchSpec { generator, plans };
-    let person = adversary.placed();
-    let threads = self::threads(threads)?;
-    let scenes = iterator(scenes)?;
     let options =
         SearchOptions { budget, require, first, order, refine, explain, ..SearchOptions::default() };
-    let is_python = driver.planner.is_some();
-    let searcher = Arc::new(detached(py, || {
-        let named = spec.build(registries()?)?;
-        Ok(Searcher { named, person, driver, options, seed })
-    })?);
-    let ahead = if is_python {
-        None
-    } else {
-        let searcher = searcher.clone();
-        Some(Mutex::new(Ahead::new(threads, move |item| searched(item, &searcher))?))
-    };
-    Ok(PySearched { searcher, scenes, ahead, turn: Turn::default() })
+    let named = detached(py, || Ok(spec.build(registries()?)?))?;
+    let (by, person) = (driver.clone(), adversary.placed());
+    let work = move |scene: &SceneData| search(scene, &named, &by, &options, seed);
+    PySearched::new(scenes, driver, person, threads, Box::new(work))
 }

@@ -68,6 +68,32 @@ class Scenes(InFolder):
             with self.assertRaises(error):
                 call()
 
+    def test_rates_are_those_of_the_command(self):
+        folder = os.path.join(self.folder, "scenes")
+        command("scenes", "--count", "4", "--format", "pickle", "--out", folder)
+        out = os.path.join(self.folder, "rates")
+        command("rate", folder, "--ego", "idm", "--budget", "24", "--out", out)
+        rated = sage.rate(folder, "idm", budget=24)
+        self.assertEqual((len(rated), rated.errors), (4, {}))
+        for row in rated:
+            with open(os.path.join(out, f"{row['scene']}-idm.json")) as file:
+                written = json.load(file)
+            self.assertEqual({name: written[name] for name in row}, row)
+            self.assertEqual(row["drives"], sum(goal["inclusion"] is not None for goal in row["goals"]))
+            for rates in row["rates"].values():
+                for rate in rates.values():
+                    self.assertLessEqual(rate["low"], rate["high"])
+        self.assertTrue(0.0 <= rated.mean("contact", "feasible") <= 1.5)
+        exact = sage.rate(folder, "replay", budget=None, events=["contact"])
+        self.assertEqual(exact.mean("contact"), 0.0)
+        for call, error in (
+            (lambda: sage.rate(folder, budget=0), sage.OptionError),
+            (lambda: sage.rate(folder, events=["horse"]), sage.OptionError),
+            (lambda: sage.rate(folder, temperature=0.0), sage.OptionError),
+        ):
+            with self.assertRaises(error):
+                call()
+
     def test_files_of_every_format(self):
         attacked = sage.Generator()(self.scene).scene
         for scene in (self.scene, attacked):

@@ -54,6 +54,7 @@ pub mod observation;
 pub mod physics;
 pub mod policy;
 pub mod queried;
+pub mod rate;
 mod rays;
 mod reacting;
 pub mod red_lights;

@@ -36,6 +36,7 @@ pub static PROCEDURAL: LazyLock<Files> = LazyLock::new(|| {
         #[cfg(feature = "adversaries")]
         ("goose.safetensors", tensors!("goose")),
         ("dial.json", include_bytes!("../procedural/dial.json")),
+        ("nominal.json", include_bytes!("../procedural/nominal.json")),
     ]
 });
 

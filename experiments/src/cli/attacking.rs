@@ -220,11 +220,15 @@ impl GenerateArgs {
 /// At aggression a, lambda is a. The fit finds the weight mu of the selection at eleven aggressions from 0 to
 /// 1, for each --selection. `--aggression` of other commands reads the result as `dial.json` in the folder of
 /// the experts. Use scenes that the experts were not fine-tuned on.
+///
+/// With --nominal the fit is that of a temperature: the one at which the untuned prior is a calibrated density of where recorded
+/// vehicles end. `sage rate` reads it as `nominal.json`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Example:
+Examples:
   sage calibrate scenes/ --splits splits.json --without-split train \\
-      --weights experts/ --out experts/dial.json")]
+      --weights experts/ --out experts/dial.json
+  sage calibrate scenes/ --nominal --unseen others/ --weights prior/ --out prior/nominal.json")]
 pub(crate) struct CalibrateArgs {
     /// Scene files and folders (default: procedural scenes).
     #[arg(value_name = "PATH")]
@@ -248,6 +252,12 @@ pub(crate) struct CalibrateArgs {
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
+    /// Fit the temperature of the prior to recorded ends instead of a dial.
+    #[arg(long, conflicts_with_all = ["selection", "rate", "feasibility", "merger"])]
+    pub nominal: bool,
+    /// Scenes for which coverage is reported too, without a fit to them.
+    #[arg(long, value_name = "PATH", requires = "nominal")]
+    pub unseen: Vec<PathBuf>,
     /// Seed of candidates and of procedural scenes.
     #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
     pub seed: u64,

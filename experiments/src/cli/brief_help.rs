@@ -27,7 +27,7 @@ const RESEARCH: [&str; 14] = [
 ];
 
 /// The commands that attack.
-const ATTACKING: [&str; 4] = ["generate", "simulate", "search", "explain"];
+const ATTACKING: [&str; 5] = ["generate", "simulate", "search", "rate", "explain"];
 
 /// The command line whose help texts show what most people need.
 pub(super) fn brief(command: Command) -> Command {

@@ -8,6 +8,7 @@ use super::brief_help;
 pub(super) const SCENE: &str = "Scene";
 pub(super) const DRIVER: &str = "Driver";
 pub(super) const SEARCH: &str = "Search";
+pub(super) const RATE: &str = "Rate";
 pub(super) const ATTACK: &str = "Attack";
 pub(super) const SELECTION: &str = "Selection";
 pub(super) const PREDICTION: &str = "Prediction";
@@ -21,12 +22,13 @@ pub(super) const OUTPUT: &str = "Output";
 pub(super) const RUN: &str = "Run";
 
 /// All headings, in the order of the sections.
-const HEADINGS: [&str; 14] = [
+const HEADINGS: [&str; 15] = [
     CLAIMS,
     DIAGNOSTICS,
     SCENE,
     DRIVER,
     SEARCH,
+    RATE,
     ATTACK,
     SELECTION,
     PREDICTION,
@@ -48,7 +50,7 @@ const THREADS: &str = "threads";
 const GROUPS: [(&str, &[&str]); 8] = [
     ("Make scenes", &["demo", "scenes", "generate", "convert"]),
     ("Look at scenes", &["inspect", "draw", "explain", "predict"]),
-    ("Drive and test", &["simulate", "search", "report", "suite", "test"]),
+    ("Drive and test", &["simulate", "search", "rate", "report", "suite", "test"]),
     ("Measure and compare", &["score", "bench"]),
     ("Run on a cluster", &["status", "join"]),
     ("Train", &["pretrain", "finetune", "calibrate", "merge", "train-ego", "train-adversary"]),

@@ -155,7 +155,7 @@ impl ValueEnum for OrderArg {
     }
 }
 
-fn fault_rules() -> impl TypedValueParser<Value = FaultRule> {
+pub(super) fn fault_rules() -> impl TypedValueParser<Value = FaultRule> {
     PossibleValuesParser::new(FaultRule::ALL.map(FaultRule::name))
         .map(|name| FaultRule::ALL.into_iter().find(|rule| rule.name() == name).unwrap_or_default())
 }

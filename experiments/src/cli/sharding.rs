@@ -6,8 +6,8 @@ use clap::Args;
 
 /// Say what is done of a run, and how to finish it.
 ///
-/// Reads the manifests in the output folder of `generate`, `simulate`, `search`, `convert` or a study, and checks that the
-/// files they name are there. The exit status is that of the run: 0 if it is complete, 65 if it is complete but scenes are
+/// Reads the manifests in the output folder of `generate`, `simulate`, `search`, `rate`, `convert` or a study, and checks
+/// that the files they name are there. The exit status is that of the run: 0 if it is complete, 65 if it is complete but scenes are
 /// bad, 74 if scenes are missing or the shards are not joined yet, and 1 if a manifest contradicts the files.
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -1,7 +1,8 @@
 //! `sage calibrate`: fits the aggression dial of a set of experts, so that the rate of
-//! attacks rises linearly.
+//! attacks rises linearly; or the temperature of a prior.
 
 mod attack_grid;
+mod nominal;
 
 use std::{collections::HashSet, sync::Arc};
 
@@ -40,6 +41,9 @@ pub(crate) fn aggressions() -> Vec<f64> {
 }
 
 pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outcome> {
+    if args.nominal {
+        return nominal::run(args, registries);
+    }
     let out = OutputFile::claim(&args.out, args.force)?;
     let rule = args.rule.feasibility.as_ref();
     let selections = args.selection.iter().map(|name| Selection::of(registries, name, rule));

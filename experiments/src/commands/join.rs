@@ -10,7 +10,7 @@ use sage_run::{
     progress,
 };
 
-use super::{bench_study, convert, generate, search, simulate};
+use super::{bench_study, convert, generate, rate, search, simulate};
 use crate::{
     Registries,
     cli::{Cli, Command, JoinArgs},
@@ -31,6 +31,7 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
         Command::Generate(args) => generate::run(&args, Extent::Join, &registries.parts),
         Command::Simulate(args) => simulate::run(&args, Extent::Join, &registries.parts),
         Command::Search(args) => search::run(&args, Extent::Join, &registries.parts),
+        Command::Rate(args) => rate::run(&args, Extent::Join, &registries.parts),
         Command::Convert(args) => convert::run(&args, Extent::Join),
         Command::Bench(args) if args.command.is_none() => {
             bench_study::run(&args.study, Extent::Join, registries)

@@ -62,11 +62,12 @@ fn assert_same(parts: &Path, whole: &Path) {
 }
 
 /// Commands that have shards, without their output folder.
-const COMMANDS: [(&str, &[&str]); 7] = [
+const COMMANDS: [(&str, &[&str]); 8] = [
     ("generate", &["generate", "scenes", "--lambda", "0,1", "--weights", "procedural"]),
     ("rows", &["generate", "scenes", "--lambda", "1", "--format", "rows", "--no-pages", "--quiet"]),
     ("simulate", &["simulate", "scenes", "--ego", "replay,idm", "--method", "sage", "--lambda", "1"]),
     ("search", &["search", "scenes", "--ego", "idm", "--budget", "8"]),
+    ("rate", &["rate", "scenes", "--ego", "idm,replay", "--budget", "16"]),
     ("convert", &["convert", "scenes", "--to", "openscenario"]),
     ("open-loop", &["bench", "open-loop", "scenes", "--method", "sage,rule", "--lambda", "0,1"]),
     ("drivers", &["bench", "drivers", "scenes", "--ego", "idm,replay"]),

@@ -32,7 +32,7 @@ from ._advsage import (
     simulate,
     simulate_many,
 )
-from ._results import Failure, Failures, Stress, search, stress
+from ._results import Failure, Failures, Rates, Stress, rate, search, stress
 from .errors import (
     FileError,
     FormatError,
@@ -58,6 +58,7 @@ __all__ = [
     "OptionError",
     "Picture",
     "PlannerError",
+    "Rates",
     "SageError",
     "Scene",
     "SceneError",
@@ -75,6 +76,7 @@ __all__ = [
     "make",
     "names",
     "planner",
+    "rate",
     "score",
     "score_columns",
     "search",

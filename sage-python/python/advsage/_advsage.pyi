@@ -353,6 +353,20 @@ def search_each(
     seed: int = 0,
     threads: int | None = None,
 ) -> Searched: ...
+def rate_each(
+    scenes: Scene | _Path | Iterable[Scene | _Path],
+    ego: str | Planner,
+    *,
+    budget: int | None = 64,
+    weights: str | None = None,
+    temperature: float | None = None,
+    require: str | None = None,
+    events: list[str] | None = None,
+    feasibility: str | None = None,
+    references: list[str] | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+) -> Searched: ...
 def evaluate(
     scene: Scene,
     ego: str | Planner,

@@ -1,4 +1,4 @@
-"""Results of many drives: searches and stress tests."""
+"""Results of many drives: searches, rates and stress tests."""
 
 from __future__ import annotations
 
@@ -185,6 +185,92 @@ def search(
         rows.append(row)
         failures += [Failure(scene, failure) for failure in found]
     return Failures(failures, rows, errors)
+
+
+class Rates(Sequence[dict[str, Any]]):
+    """How likely a driver fails: a sequence of what `sage rate` records of each scene, dictionaries, and `errors`.
+
+    A row has `rates`, `mass` and `undriven` by condition ("clear-of-recorded-ego", "feasible"), `likeliest`, `goals`, ...
+    """
+
+    def __init__(self, rows: list[dict[str, Any]], errors: Errors) -> None:
+        self._rows = rows
+        #: Why scenes could not be rated: exceptions by name of the scene.
+        self.errors = errors
+
+    def __len__(self) -> int:
+        """Number of scenes."""
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, number: int) -> dict[str, Any]: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[dict[str, Any]]: ...
+
+    def __getitem__(self, number: int | slice) -> dict[str, Any] | Sequence[dict[str, Any]]:
+        return self._rows[number]
+
+    def mean(self, event: str = "failure", given: str = "clear-of-recorded-ego") -> float:
+        """Mean rate of an event over the scenes in which a plan meets the condition; `nan` without any."""
+        rates = [row["rates"][given][event]["rate"] for row in self if row["rates"][given]]
+        return sum(rates) / len(rates) if rates else math.nan
+
+    def to_pandas(self) -> Any:
+        """A frame with a row for each scene, condition and event; needs pandas."""
+        pandas = _pandas()
+        rows = [
+            {"scene": row["scene"], "ego": row["ego"], "given": given, "event": event, **rate, "drives": row["drives"]}
+            for row in self
+            for given, rates in row["rates"].items()
+            for event, rate in rates.items()
+        ]
+        return pandas.DataFrame(rows)
+
+    def __repr__(self) -> str:
+        return f"<Rates: failure {100.0 * self.mean():.2f} % in {_scenes(len(self))}{_without(self.errors)}>"
+
+
+def rate(
+    scenes: SceneLike | Iterable[SceneLike],
+    ego: str | Planner = "idm",
+    *,
+    budget: int | None = 64,
+    require: str | None = None,
+    events: Sequence[str] | None = None,
+    weights: str | None = None,
+    temperature: float | None = None,
+    feasibility: str | None = None,
+    references: Sequence[str] | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+) -> Rates:
+    """How likely a driver fails in scenes, if the adversary moves as an untuned motion prior says.
+
+    `budget` plans are driven against in each scene, likelier ones more often; `None` drives all, and the rates are exact. `events`
+    are "contact", "failure" (by `require`, as for `search`) and names of clauses. The density is that of the prior of `weights`, at
+    its own `temperature` if none is given. Rates are no accident rates: scenes are chosen, and the adversary does not look out. A
+    scene that cannot be read or rated is in `errors` of the result.
+    """
+    names: list[str] = []
+    rows: list[dict[str, Any]] = []
+    errors: Errors = {}
+    rated = _advsage.rate_each(
+        _named(_listed(scenes), names),
+        ego,
+        budget=budget,
+        require=require,
+        events=events and list(events),
+        weights=weights,
+        temperature=temperature,
+        feasibility=feasibility,
+        references=references and list(references),
+        seed=seed,
+        threads=threads,
+    )
+    for _, row, _ in _each(rated, names, errors):
+        rows.append(row)
+    return Rates(rows, errors)
 
 
 class Stress(Sequence[_advsage.Episode]):

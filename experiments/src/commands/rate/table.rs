@@ -1,0 +1,94 @@
+//! The tables of a rate: events by drivers, and differences between drivers.
+
+use advsage::rows::rate::RateRow;
+use sage_bench::estimate::{Difference, Samples};
+use sage_core::{metric::Aggregate, statistics::Estimate, text::table::Table};
+use sage_sim::rate::{Event, Given};
+
+/// Rates above which the share of scenes is printed.
+const ABOVE: [f64; 2] = [0.01, 0.1];
+
+/// A table of the rates for each condition, and one of the paired differences if there are several drivers. `rows` are those of each
+/// scene, driver by driver.
+pub(super) fn tables(labels: &[&str], events: &[Event], rows: &[Vec<Option<RateRow>>]) -> Vec<Table> {
+    let mut all: Vec<Table> = Given::ALL.map(|given| of_given(given, labels, events, rows)).into();
+    if labels.len() > 1 {
+        all.push(differences(labels, rows));
+    }
+    all.retain(|table| !table.rows.is_empty());
+    all
+}
+
+/// The rates of a driver by scene.
+fn samples(rows: &[Vec<Option<RateRow>>], ego: usize, of: impl Fn(&RateRow) -> Option<f64>) -> Samples {
+    Samples::of(rows.iter().map(|scene| scene[ego].as_ref().and_then(&of)))
+}
+
+fn of_given(given: Given, labels: &[&str], events: &[Event], rows: &[Vec<Option<RateRow>>]) -> Table {
+    let above = ABOVE.map(|least| format!("failure above {} %", 100.0 * least));
+    let heads: Vec<String> = std::iter::once("driver".to_owned())
+        .chain(events.iter().map(|event| format!("{} %", event.name())))
+        .chain(above)
+        .chain(["not driven %".to_owned(), "contact without attack".to_owned(), "scenes".to_owned()])
+        .collect();
+    let heads: Vec<&str> = heads.iter().map(|head| &**head).collect();
+    let mut table = Table::new(format!("Given {}:", given.name()), &heads);
+    for (ego, label) in labels.iter().enumerate() {
+        let rate = |event: &Event| {
+            let values = samples(rows, ego, |row| Some(row.rate(given, event.name())?.rate));
+            let name = format!("{label} {} {}", given.name(), event.name());
+            percent(values.estimate(Aggregate::Mean, &name))
+        };
+        let share = |least: f64| {
+            let is = |row: &RateRow| Some(f64::from(u8::from(row.rate(given, "failure")?.rate > least)));
+            percent(samples(rows, ego, is).estimate(Aggregate::Share, label))
+        };
+        let undriven = samples(rows, ego, |row| row.undriven.get(&given).copied());
+        let without = rows
+            .iter()
+            .filter(|scene| scene[ego].as_ref().is_some_and(|row| row.unattacked_contact.is_some()));
+        let measured = rows
+            .iter()
+            .filter(|scene| scene[ego].as_ref().is_some_and(|row| row.rate(given, "failure").is_some()));
+        let mut cells: Vec<String> = events.iter().map(rate).collect();
+        cells.extend(ABOVE.map(share));
+        cells.push(undriven.mean().map_or("-".to_owned(), |share| format!("{:.1}", 100.0 * share)));
+        cells.push(without.count().to_string());
+        cells.push(measured.count().to_string());
+        table.row(*label, cells);
+    }
+    table
+}
+
+/// Differences of failure rates, paired by scene, and in how many scenes each driver is worse.
+fn differences(labels: &[&str], rows: &[Vec<Option<RateRow>>]) -> Table {
+    let given = Given::ClearOfRecordedEgo;
+    let title = format!("Failure given {}, A less B, paired by scene:", given.name());
+    let mut table = Table::new(title, &["A", "B", "points", "scenes", "A is worse in", "B is worse in"]);
+    table.names = 2;
+    let of = |ego: usize| samples(rows, ego, |row| Some(row.rate(given, "failure")?.rate));
+    for (k, a) in labels.iter().enumerate() {
+        for (j, b) in labels.iter().enumerate().skip(k + 1) {
+            let Some(Difference { estimate, larger, .. }) = of(k).less(&of(j), &format!("{a} {b}")) else {
+                continue;
+            };
+            let [more, less] = larger.unwrap_or_default();
+            let points = points(&estimate);
+            table.row(
+                *a,
+                [(*b).to_owned(), points, estimate.n.to_string(), more.to_string(), less.to_string()],
+            );
+        }
+    }
+    table
+}
+
+fn percent(estimate: Option<Estimate>) -> String {
+    estimate.map_or("-".to_owned(), |e| {
+        format!("{:.2} [{:.2}, {:.2}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high)
+    })
+}
+
+fn points(e: &Estimate) -> String {
+    format!("{:+.2} [{:.2}, {:.2}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high)
+}

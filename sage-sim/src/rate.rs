@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 pub use sampling::{inclusions, systematic};
 
 use crate::{
-    Error,
+    Error, PlannerLog,
     attack_test::AttackTest,
     search::{Clause, Evaluated, PlanDrives, Requirement, SearchOptions},
 };
@@ -157,7 +157,7 @@ impl Nominal {
 
     /// Drives a driver against so many plans, likelier ones more often. `ctx` is that of the unattacked drive.
     ///
-    /// *Errors*: an error of the driver.
+    /// *Errors*: every drive ends in an error of the driver.
     pub fn drive(
         &self,
         test: &AttackTest,
@@ -176,7 +176,22 @@ impl Nominal {
                 driven.push(Driven { plan, inclusion: inclusions[plan], evaluated });
             }
         }
-        Ok(driven)
+        match driven
+            .iter()
+            .map(|driven| driven.evaluated.error.as_ref())
+            .collect::<Option<Vec<_>>>()
+            .as_deref()
+        {
+            Some([first, ..]) => Err(Error::Planner {
+                scene: ctx.scene().id.clone(),
+                step: None,
+                is_late: false,
+                problem: format!("every attacked drive ended in an error; the first: {first}"),
+                log: PlannerLog::default(),
+                drive: None,
+            }),
+            _ => Ok(driven),
+        }
     }
 
     /// The plans that are driven for a start from 0 to 1, in their order: sums have the same bits, whatever the curve.
@@ -197,7 +212,8 @@ impl Nominal {
         let probability = |driven: &Driven| self.plans[driven.plan].probability;
         let of = || driven.iter().filter(is_given);
         let happened = || of().filter(|driven| event(&driven.evaluated));
-        let known: f64 = of().map(probability).sum();
+        // What a driver that fails to drive would have done is not known.
+        let known: f64 = of().filter(|driven| driven.evaluated.error.is_none()).map(probability).sum();
         let sure: f64 = happened().map(probability).sum();
         let estimate: f64 = happened().map(|driven| probability(driven) / driven.inclusion).sum();
         // Bounds that no estimate may leave: it can be above 1 where few plans were driven.

@@ -85,9 +85,11 @@ pub struct NominalCard {
 pub struct Coverage {
     /// The scenes.
     pub scenes: String,
+    /// Whose ends: `adversary` or `ego`.
+    pub role: String,
     /// Whether the temperature was fitted to them.
     pub fitted: bool,
-    /// Number of tracks: the ego and the adversary of each scene.
+    /// Number of tracks, one a scene.
     pub tracks: usize,
     /// Mean negative log-likelihood at temperature 1 and at the fitted one, nats.
     pub nll: [f64; 2],

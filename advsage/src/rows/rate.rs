@@ -28,6 +28,10 @@ pub struct RateRow {
     pub feasible_plans: usize,
     /// Number of drives.
     pub drives: usize,
+    /// Number of drives that ended in an error of the driver; what they would have been is in the bounds.
+    pub errors: usize,
+    /// Files beside this one.
+    pub files: Vec<String>,
     /// Probability of what is given, among all plans.
     pub mass: BTreeMap<Given, f64>,
     /// Share of it that was not driven.
@@ -140,6 +144,8 @@ impl RateRow {
             plans: nominal.all,
             feasible_plans: nominal.plans.len(),
             drives: driven.len(),
+            errors: driven.iter().filter(|driven| driven.evaluated.error.is_some()).count(),
+            files: Vec::new(),
             undriven: undriven.into(),
             rates: rates.into(),
             unattacked_contact: test.unattacked().contacts.first().map(|contact| step(contact.step)),
@@ -180,8 +186,12 @@ impl RateRow {
                 format!("{} % (for sure {} to {})", percent(rate.rate), percent(rate.low), percent(rate.high))
             }
         };
+        let errors = match self.errors {
+            0 => String::new(),
+            count => format!(", {count} with an error"),
+        };
         format!(
-            "{} {}: failure {}; of all feasible plans {}; {} of {} driven",
+            "{} {}: failure {}; of all feasible plans {}; {} of {} driven{errors}",
             self.head.scene,
             self.head.ego,
             of(Given::ClearOfRecordedEgo),

@@ -1,5 +1,6 @@
 //! `sage rate`: how likely drivers fail.
 
+mod picture;
 mod scene;
 mod table;
 
@@ -118,6 +119,11 @@ fn drivers(args: &RateArgs) -> Vec<DriverSpec> {
     all.map(|part| args.planner.applied(part)).collect()
 }
 
+/// Name of the picture beside a row.
+fn picture_file(row: &str) -> String {
+    format!("{}.svg", row.trim_end_matches(".json"))
+}
+
 /// A driver's name as part of file names.
 fn file_name(ego: &Ego) -> String {
     let keep = |c: char| if c.is_alphanumeric() || "._-".contains(c) { c } else { '-' };
@@ -132,7 +138,8 @@ pub(crate) fn run(args: &RateArgs, extent: Extent, registries: &Registries) -> R
     let out = &args.folder.out;
     let outdated = || {
         let of_scenes = own.iter().flat_map(|input: &&Input| job.files(&input.scene));
-        of_scenes.chain([MANIFEST.to_owned()]).collect()
+        let with_pictures = of_scenes.flat_map(|row| [picture_file(&row), row]);
+        with_pictures.chain([MANIFEST.to_owned()]).collect()
     };
     let run = DatasetRun::start(out, job.identity()?, args.folder.force, extent, &[MANIFEST], outdated)?;
     output::keep_planner_logs(run.folder(), extent, &job.egos)?;

@@ -101,9 +101,16 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
     for outcome in Outcome::ALL.into_iter().rev() {
         let mut of_outcome = content.tried.iter().filter(|tried| tried.outcome == outcome).peekable();
         if let Some(words) = of_outcome.peek().map(|tried| tried.words) {
+            let is_dots = of_outcome.peek().is_some_and(|tried| tried.dot.is_some());
             let [x, y] = at.next(svg, &format!("{words}: {}", of_outcome.count()));
-            outcome.line(svg, vec![[x - 12.0, y], [x + 12.0, y]]);
+            match is_dots {
+                true => outcome.dot(svg, [x, y], 0.3),
+                false => outcome.line(svg, vec![[x - 12.0, y], [x + 12.0, y]]),
+            }
         }
+    }
+    if content.tried.iter().any(|tried| tried.dot.is_some()) {
+        at.next(svg, "area of a dot: probability");
     }
     for (number, (name, contact)) in content.candidates.iter().enumerate().take(NAMED) {
         let text = match contact {

@@ -8,12 +8,11 @@ use advsage::{
     weights::NamedNetwork,
 };
 use anyhow::{Result, ensure};
-use sage_bench::estimate::of_scenes;
 use sage_core::{
     generator::Observation,
     motion::{HORIZON, NOW},
     scene::SceneData,
-    statistics,
+    statistics::{self, wilson},
 };
 use sage_generators::goal_density;
 use sage_run::{
@@ -32,13 +31,18 @@ pub(super) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     let out = OutputFile::claim(&args.out, args.force)?;
     let prior = nominal_prior(registries, &args.weights)?;
     let scenes = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?.attackable()?;
-    let fitted = ends(&prior, &scenes)?;
-    ensure!(!fitted.is_empty(), "no recorded ego or adversary is valid at the end of its scene");
-    let temperature = fitted_temperature(&fitted.concat());
-    let mut coverage = vec![covered(&fitted, temperature, scenes.describe(), true)];
+    let ends_of = ends(&prior, &scenes)?;
+    let adversaries = &ends_of[Role::Adversary as usize];
+    ensure!(!adversaries.is_empty(), "no recorded adversary is valid at the end of its scene");
+    // The density is that of the adversary's plans.
+    let temperature = fitted_temperature(adversaries);
+    let mut coverage: Vec<Coverage> = Role::ALL
+        .map(|role| covered(&ends_of, role, temperature, scenes.describe(), role == Role::Adversary))
+        .into();
     if !args.unseen.is_empty() {
         let unseen = Scenes::under(&args.unseen)?.attackable()?;
-        coverage.push(covered(&ends(&prior, &unseen)?, temperature, unseen.describe(), false));
+        let ends_of = ends(&prior, &unseen)?;
+        coverage.extend(Role::ALL.map(|role| covered(&ends_of, role, temperature, unseen.describe(), false)));
     }
     for coverage in &coverage {
         progress::say(&words(coverage, temperature));
@@ -52,47 +56,70 @@ pub(super) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     Ok(scenes.outcome())
 }
 
-/// Where the ego and the adversary of each scene were recorded to end, in the density of a prior.
-fn ends(prior: &NamedNetwork, scenes: &Scenes) -> Result<Vec<Vec<RecordedEnd>>> {
-    let mut progress = Progress::new("read", scenes.len());
-    let of_scene = |data: &SceneData| -> Result<Vec<RecordedEnd>> {
-        let now = Observation::of(&data.scene, &data.index)?;
-        let mut ends = Vec::new();
-        for track in [data.scene.ego, data.scene.adversary_index()?] {
-            let recorded = &data.scene.tracks[track];
-            if recorded.valid.get(LAST) == Some(&true) {
-                let density = goal_density(&*prior.network, &now, track)?;
-                ends.extend(RecordedEnd::of(density, recorded.point(LAST)));
-            }
-        }
-        Ok(ends)
-    };
-    let mut all = scenes.map(of_scene, || progress.step())?;
-    all.retain(|ends| !ends.is_empty());
-    progress.finish(&format!("{} scenes", all.len()));
-    Ok(all)
+/// Whose ends are looked at.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Role {
+    Adversary,
+    Ego,
 }
 
-/// How often the ends of scenes are in the sets of a density.
-fn covered(ends: &[Vec<RecordedEnd>], temperature: f64, scenes: String, fitted: bool) -> Coverage {
-    let all = ends.concat();
+impl Role {
+    const ALL: [Self; 2] = [Self::Adversary, Self::Ego];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Adversary => "adversary",
+            Self::Ego => "ego",
+        }
+    }
+}
+
+/// Where the adversary and the ego of each scene were recorded to end, by role, in the density of a prior.
+fn ends(prior: &NamedNetwork, scenes: &Scenes) -> Result<[Vec<RecordedEnd>; 2]> {
+    let mut progress = Progress::new("read", scenes.len());
+    let of_scene = |data: &SceneData| -> Result<[Option<RecordedEnd>; 2]> {
+        let now = Observation::of(&data.scene, &data.index)?;
+        let end = |track: usize| -> Result<Option<RecordedEnd>> {
+            let recorded = &data.scene.tracks[track];
+            if recorded.valid.get(LAST) != Some(&true) {
+                return Ok(None);
+            }
+            Ok(RecordedEnd::of(goal_density(&*prior.network, &now, track)?, recorded.point(LAST)))
+        };
+        Ok([end(data.scene.adversary_index()?)?, end(data.scene.ego)?])
+    };
+    let all = scenes.map(of_scene, || progress.step())?;
+    progress.finish(&format!("{} scenes", all.len()));
+    let [mut adversaries, mut egos] = [Vec::new(), Vec::new()];
+    for [adversary, ego] in all {
+        adversaries.extend(adversary);
+        egos.extend(ego);
+    }
+    Ok([adversaries, egos])
+}
+
+/// How often the ends of a role are in the sets of a density.
+fn covered(
+    ends: &[Vec<RecordedEnd>; 2],
+    role: Role,
+    temperature: f64,
+    scenes: String,
+    fitted: bool,
+) -> Coverage {
+    let ends = &ends[role as usize];
     let nll = |temperature: f64| {
-        let values: Vec<f64> = all.iter().map(|end| end.nll(temperature)).collect();
+        let values: Vec<f64> = ends.iter().map(|end| end.nll(temperature)).collect();
         statistics::mean(&values).unwrap_or(f64::NAN)
     };
     let set = |level: f64| {
-        let of = |drawn: &[usize]| {
-            let of_drawn = || drawn.iter().flat_map(|scene| &ends[*scene]);
-            let inside = of_drawn().filter(|end| end.is_in_set(temperature, level)).count();
-            inside as f64 / of_drawn().count() as f64
-        };
-        let estimate = of_scenes(ends.len(), &format!("coverage {level}"), of);
-        estimate.map(|e| [level, e.value, e.low, e.high])
+        let inside = ends.iter().filter(|end| end.is_in_set(temperature, level)).count();
+        wilson(inside, ends.len()).map(|e| [level, e.value, e.low, e.high])
     };
     Coverage {
         scenes,
+        role: role.name().to_owned(),
         fitted,
-        tracks: all.len(),
+        tracks: ends.len(),
         nll: [nll(1.0), nll(temperature)],
         sets: LEVELS.into_iter().filter_map(set).collect(),
     }
@@ -111,8 +138,9 @@ fn words(coverage: &Coverage, temperature: f64) -> String {
     let sets: Vec<String> = coverage.sets.iter().map(set).collect();
     let [before, after] = coverage.nll;
     format!(
-        "{} tracks of {}{}: {}; negative log-likelihood {before:.2} nats at temperature 1, {after:.2} at {temperature:.2}",
+        "{} as {} of {}{}: {}; negative log-likelihood {before:.2} nats at temperature 1, {after:.2} at {temperature:.2}",
         coverage.tracks,
+        coverage.role,
         coverage.scenes,
         if coverage.fitted { ", fitted" } else { "" },
         sets.join(", "),

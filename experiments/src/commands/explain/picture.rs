@@ -32,6 +32,7 @@ impl Candidates {
         let start = ctx.adversary().point(NOW);
         let tried = |(proposal, kind): (&Proposal, &CandidateKind)| Tried {
             points: std::iter::once(start).chain(proposal.trajectory.points().iter().copied()).collect(),
+            dot: None,
             outcome: match kind {
                 CandidateKind::NoContact => Outcome::NoContact,
                 CandidateKind::InfeasibleHit => Outcome::OtherContact,

@@ -18,7 +18,7 @@ use sage_run::{
 };
 use sage_sim::SimScene;
 
-use super::Job;
+use super::{Job, picture, picture_file};
 
 impl SceneJob for Job<'_> {
     type Error = anyhow::Error;
@@ -33,7 +33,7 @@ impl SceneJob for Job<'_> {
 
     fn found(&self, _number: usize, path: &Path) -> Option<FoundRow> {
         let row = RateRow::read(path)?;
-        Some(FoundRow { line: row.line(), source_hash: row.head.source_hash, files: Vec::new() })
+        Some(FoundRow { line: row.line(), source_hash: row.head.source_hash, files: row.files })
     }
 
     fn work(&self, run: &DatasetRun, scene: &SceneFile, recording: Recording) -> Result<SceneReport> {
@@ -45,7 +45,7 @@ impl SceneJob for Job<'_> {
         let clock = Instant::now();
         let nominal = self.rate.nominal(&attacked, &index)?;
         let mut all = Vec::new();
-        let mut lines = Vec::new();
+        let (mut lines, mut files) = (Vec::new(), Vec::new());
         for (ego, file) in self.egos.iter().zip(self.files(name)) {
             let failed = || format!("the policy `{}` cannot drive here", ego.label);
             let seed = self.args.seed;
@@ -68,13 +68,19 @@ impl SceneJob for Job<'_> {
                 require: self.args.require,
                 events: &self.args.event,
             };
-            let row = RateRow::new(head, &of, &driver.test);
+            let mut row = RateRow::new(head, &of, &driver.test);
+            let title = format!("{name}, {}", ego.label);
+            let picture = picture::draw(&title, &driver.test.scene_as_driven(), &nominal, &row);
+            row.files = vec![picture_file(&file)];
+            // The row is written after the files that it names.
+            all.push((row.files[0].clone(), picture.into_bytes()));
+            files.extend(row.files.iter().cloned());
             let seconds = Some(clock.elapsed().as_secs_f64());
             lines.push(Line { text: row.line(), row: file.clone(), seconds, step_ms: None });
             all.push((file, serde_json::to_vec(&row)?));
         }
         run.folder().write_all(&all)?;
         let seconds = Some(clock.elapsed().as_secs_f64() / self.egos.len() as f64);
-        Ok(SceneReport { lines, files: Vec::new(), seconds, warnings, failures: Vec::new() })
+        Ok(SceneReport { lines, files, seconds, warnings, failures: Vec::new() })
     }
 }

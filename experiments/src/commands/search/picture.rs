@@ -22,6 +22,7 @@ pub(super) fn draw(title: &str, scene: &Scene, pool: &Pool, result: &SearchResul
         let failure = result.failures.iter().find(|failure| failure.drive == drive);
         Tried {
             points: std::iter::once(candidate.start().position).chain(points).collect(),
+            dot: None,
             outcome,
             words: outcome.words(),
             contact: failure.and_then(|failure| {

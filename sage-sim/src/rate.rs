@@ -214,8 +214,10 @@ impl Nominal {
         let happened = || of().filter(|driven| event(&driven.evaluated));
         // What a driver that fails to drive would have done is not known.
         let known: f64 = of().filter(|driven| driven.evaluated.error.is_none()).map(probability).sum();
-        let sure: f64 = happened().map(probability).sum();
-        let estimate: f64 = happened().map(|driven| probability(driven) / driven.inclusion).sum();
+        // An empty sum of floating-point numbers is -0.
+        let sum = |parts: &mut dyn Iterator<Item = f64>| parts.fold(0.0, |sum, part| sum + part);
+        let sure = sum(&mut happened().map(probability));
+        let estimate = sum(&mut happened().map(|driven| probability(driven) / driven.inclusion));
         // Bounds that no estimate may leave: it can be above 1 where few plans were driven.
         let [low, high] = [sure / mass, ((sure + (mass - known).max(0.0)) / mass).min(1.0)];
         Some(Rate { rate: estimate / mass, low, high })

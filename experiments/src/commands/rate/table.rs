@@ -84,8 +84,10 @@ fn differences(labels: &[&str], rows: &[Vec<Option<RateRow>>]) -> Table {
 }
 
 fn percent(estimate: Option<Estimate>) -> String {
-    estimate.map_or("-".to_owned(), |e| {
-        format!("{:.2} [{:.2}, {:.2}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high)
+    estimate.map_or("-".to_owned(), |e| match e.n {
+        // One scene says nothing about others.
+        1 => format!("{:.2}", 100.0 * e.value),
+        _ => format!("{:.2} [{:.2}, {:.2}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high),
     })
 }
 

@@ -52,7 +52,7 @@ pub(crate) struct SimulateArgs {
     /// process, and stop if the drives are not the same.
     #[arg(long, help_heading = DRIVER)]
     pub check_planner: bool,
-    /// Let the adversary drive this attack on SCENE: a row of `sage generate` (JSON), or an attacked scene.
+    /// Let the adversary drive this attack on SCENE: a row with a plan (JSON) of generate, search or rate (its likeliest failure), or an attacked scene.
     #[arg(long, help_heading = ATTACK, value_name = "FILE", conflicts_with = "method")]
     pub attack: Option<PathBuf>,
     /// Attack the drive of each policy with this generator, by its name in `sage list`.

@@ -1,4 +1,4 @@
-//! An attack from a file: a row of `sage generate`, or an attacked scene.
+//! An attack from a file: a row with a plan, or an attacked scene.
 
 use std::path::Path;
 
@@ -33,16 +33,23 @@ enum Content {
     Scene(Box<Scene>),
 }
 
-/// The fields that the rows of an attack and of a failure share, as far as a drive needs them.
+/// The fields that the rows of an attack, of a failure and of a rate share, as far as a drive needs them.
 #[derive(Deserialize)]
 #[serde(expecting = "a JSON object")]
 struct GeneratedRow {
     scene: String,
     adversary: String,
     source_hash: String,
-    trajectory: Value,
+    trajectory: Option<Value>,
+    /// The likeliest failure of a rate.
+    likeliest: Option<LikeliestRow>,
     #[serde(flatten)]
     generated: GeneratedBy,
+}
+
+#[derive(Deserialize)]
+struct LikeliestRow {
+    trajectory: Value,
 }
 
 /// The plan of a row, and what it is of.
@@ -55,8 +62,10 @@ struct PlannedRow {
 
 /// Reads a row with a plan, and how it was made.
 fn row(bytes: &[u8]) -> Result<(Content, GeneratedBy)> {
-    let GeneratedRow { scene, adversary, source_hash, trajectory, generated } =
+    let GeneratedRow { scene, adversary, source_hash, trajectory, likeliest, generated } =
         serde_json::from_slice(bytes)?;
+    let trajectory = trajectory.or(likeliest.map(|likeliest| likeliest.trajectory));
+    let trajectory = trajectory.context("it has no `trajectory`, and no `likeliest` failure")?;
     let trajectory = serde_json::from_value(trajectory)
         .map_err(|_| anyhow!("its field `trajectory` is not {HORIZON} times [x, y]"))?;
     Ok((Content::Row(PlannedRow { scene, adversary, source_hash, trajectory }), generated.of_plan()))

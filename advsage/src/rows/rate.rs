@@ -179,22 +179,23 @@ impl RateRow {
     /// The printed line.
     pub fn line(&self) -> String {
         let percent = |x: f64| format!("{:.2}", 100.0 * x);
-        let of = |given| match self.rate(given, "failure") {
-            None => "no plan".to_owned(),
-            Some(rate) if rate.low == rate.high => format!("{} %", percent(rate.rate)),
-            Some(rate) => {
-                format!("{} % (for sure {} to {})", percent(rate.rate), percent(rate.low), percent(rate.high))
-            }
+        let of = |given| {
+            self.rate(given, "failure").map_or("no plan".to_owned(), |rate| percent(rate.rate) + " %")
+        };
+        let clear = Given::ClearOfRecordedEgo;
+        let bounds = match self.rate(clear, "failure").filter(|rate| rate.high > rate.low) {
+            Some(rate) => format!(" ({} to {} for sure)", percent(rate.low), percent(rate.high)),
+            None => String::new(),
         };
         let errors = match self.errors {
             0 => String::new(),
             count => format!(", {count} with an error"),
         };
         format!(
-            "{} {}: failure {}; of all feasible plans {}; {} of {} driven{errors}",
+            "{} {}: failure {}{bounds}; feasible {}; {} of {} driven{errors}",
             self.head.scene,
             self.head.ego,
-            of(Given::ClearOfRecordedEgo),
+            of(clear),
             of(Given::Feasible),
             self.drives,
             self.feasible_plans

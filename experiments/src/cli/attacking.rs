@@ -228,7 +228,7 @@ impl GenerateArgs {
 Examples:
   sage calibrate scenes/ --splits splits.json --without-split train \\
       --weights experts/ --out experts/dial.json
-  sage calibrate scenes/ --nominal --unseen others/ --weights prior/ --out prior/nominal.json")]
+  sage calibrate scenes/ --nominal --weights prior/ --out prior/nominal.json")]
 pub(crate) struct CalibrateArgs {
     /// Scene files and folders (default: procedural scenes).
     #[arg(value_name = "PATH")]

@@ -74,6 +74,9 @@ pub(crate) struct RateArgs {
     /// Print one JSON object per scene and driver.
     #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
+    /// Print all columns of the tables, however wide.
+    #[arg(long, help_heading = OUTPUT)]
+    pub wide: bool,
     /// Rate only the scenes of shard K of N. Several machines can write all shards into one folder, which `sage join` completes.
     #[arg(long, help_heading = RUN, value_name = "K/N", conflicts_with = "force")]
     pub shard: Option<Shard>,

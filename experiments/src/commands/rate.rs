@@ -1,5 +1,6 @@
 //! `sage rate`: how likely drivers fail.
 
+mod index;
 mod picture;
 mod scene;
 mod table;
@@ -16,7 +17,7 @@ use sage_data::ReadOptions;
 use sage_run::{
     Outcome, networks,
     output::{self, Counts, DatasetRun, Ended, Extent, MANIFEST, Producer},
-    printing, progress,
+    progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, is_row_of, work_on},
 };
 use sage_sim::{fault::FaultRule, search::Requirement};
@@ -139,9 +140,16 @@ pub(crate) fn run(args: &RateArgs, extent: Extent, registries: &Registries) -> R
     let outdated = || {
         let of_scenes = own.iter().flat_map(|input: &&Input| job.files(&input.scene));
         let with_pictures = of_scenes.flat_map(|row| [picture_file(&row), row]);
-        with_pictures.chain([MANIFEST.to_owned()]).collect()
+        with_pictures.chain([MANIFEST, index::FILE].map(str::to_owned)).collect()
     };
-    let run = DatasetRun::start(out, job.identity()?, args.folder.force, extent, &[MANIFEST], outdated)?;
+    let run = DatasetRun::start(
+        out,
+        job.identity()?,
+        args.folder.force,
+        extent,
+        &[MANIFEST, index::FILE],
+        outdated,
+    )?;
     output::keep_planner_logs(run.folder(), extent, &job.egos)?;
     let report = |count| {
         Report::new(run.folder().path(), args.json, count, ReportWords { done: "rated", result: "rate" })
@@ -159,6 +167,11 @@ pub(crate) fn run(args: &RateArgs, extent: Extent, registries: &Registries) -> R
             job.files(&input.scene).iter().map(read).collect()
         })
         .collect();
+    let labels: Vec<&str> = job.egos.iter().map(|ego| &*ego.label).collect();
+    let tables = table::tables(&labels, &args.event, &rows);
+    if !matches!(extent, Extent::Shard(_)) {
+        index::write(run.folder(), &args.scene, &tables, rows.iter().flatten().flatten())?;
+    }
     match extent {
         Extent::Shard(shard) => run.finish_shard(shard, records)?,
         Extent::Whole | Extent::Join => run
@@ -172,9 +185,12 @@ pub(crate) fn run(args: &RateArgs, extent: Extent, registries: &Registries) -> R
             })
             .map(drop)?,
     }
-    let labels: Vec<&str> = job.egos.iter().map(|ego| &*ego.label).collect();
-    for table in table::tables(&labels, &args.event, &rows) {
-        printing::print_table(&table, args.json)?;
+    for table in &tables {
+        let wide = if args.wide { table.aligned() } else { table.terminal() };
+        match args.json {
+            true => progress::say_lines(&wide),
+            false => output::print(&format!("\n{wide}"))?,
+        }
     }
     Ok(scene_queue::outcome(records, extent, out, "rated", scene_queue::AGAIN))
 }

@@ -281,7 +281,7 @@ impl Measurement for Searches {
         for (place, (label, adversary)) in self.adversaries.iter().enumerate() {
             let scene = match adversary.kind {
                 None => Ok(data.scene.clone()),
-                Some(_) => adversary.in_scene((*data.scene).clone()).map(Arc::new).map_err(Error::from),
+                Some(_) => adversary.in_scene((*data.scene).clone()).map(Arc::new),
             };
             let scene = match scene {
                 Ok(scene) => scene,

@@ -42,7 +42,12 @@ pub(crate) struct Described {
 
 enum Attacks {
     Generator(Arc<Built>),
-    Search { ego: Driver, options: SearchOptions, adversary: AdversarySpec, weights: Option<String> },
+    Search {
+        ego: Box<Driver>,
+        options: Box<SearchOptions>,
+        adversary: Box<AdversarySpec>,
+        weights: Option<String>,
+    },
     Plans(GivenPlans),
 }
 
@@ -92,7 +97,8 @@ pub(crate) fn of(described: &Bound<'_, PyDict>) -> PyResult<Described> {
             ..base
         };
         let weights = get("weights")?.map(|weights| weights.extract::<String>()).transpose()?;
-        Attacks::Search { ego: driver, options, adversary, weights }
+        let (ego, options, adversary) = (Box::new(driver), Box::new(options), Box::new(adversary));
+        Attacks::Search { ego, options, adversary, weights }
     };
     if let Attacks::Generator(built) = &attacks
         && get("curriculum")?.is_some()
@@ -135,7 +141,7 @@ impl Described {
                 let generator = adversary.generator(generator, Some(options.require))?;
                 let spec = SearchSpec { generator, ..SearchSpec::default() };
                 let search: NamedSearch = spec.build(registries()?)?;
-                Arc::new(SearchedAttacker::new(search, ego.policy, ego.references, options, 0))
+                Arc::new(SearchedAttacker::new(search, ego.policy, ego.references, *options, 0))
             }
             Attacks::Plans(plans) => Arc::new(plans),
         };

@@ -85,7 +85,7 @@ fn hilbert(mut x: u32, mut y: u32) -> u64 {
     let mut distance = 0;
     for bit in (0..BITS).rev() {
         let (right, up) = (x >> bit & 1, y >> bit & 1);
-        distance += u64::from(3 * right ^ up) << (2 * bit);
+        distance += u64::from((3 * right) ^ up) << (2 * bit);
         if up == 0 {
             if right == 1 {
                 let all = (1 << bit) - 1;

@@ -2,16 +2,21 @@
 
 use advsage::rows::rate::RateRow;
 use sage_bench::estimate::{Difference, Samples};
-use sage_core::{metric::Aggregate, statistics::Estimate, text::table::Table};
+use sage_core::{
+    metric::Aggregate,
+    statistics::{Estimate, wilson},
+    text::table::Table,
+};
 use sage_sim::rate::{Event, Given};
 
-/// Rates above which the share of scenes is printed.
+/// Rates above which scenes are counted.
 const ABOVE: [f64; 2] = [0.01, 0.1];
 
-/// A table of the rates for each condition, and one of the paired differences if there are several drivers. `rows` are those of each
-/// scene, driver by driver.
+/// A table of the rates for each condition, one of how they spread over the scenes, and one of the paired differences if there are
+/// several drivers. `rows` are those of each scene, driver by driver.
 pub(super) fn tables(labels: &[&str], events: &[Event], rows: &[Vec<Option<RateRow>>]) -> Vec<Table> {
     let mut all: Vec<Table> = Given::ALL.map(|given| of_given(given, labels, events, rows)).into();
+    all.push(spread(labels, rows));
     if labels.len() > 1 {
         all.push(differences(labels, rows));
     }
@@ -25,37 +30,43 @@ fn samples(rows: &[Vec<Option<RateRow>>], ego: usize, of: impl Fn(&RateRow) -> O
 }
 
 fn of_given(given: Given, labels: &[&str], events: &[Event], rows: &[Vec<Option<RateRow>>]) -> Table {
-    let above = ABOVE.map(|least| format!("failure above {} %", 100.0 * least));
     let heads: Vec<String> = std::iter::once("driver".to_owned())
         .chain(events.iter().map(|event| format!("{} %", event.name())))
-        .chain(above)
-        .chain(["not driven %".to_owned(), "contact without attack".to_owned(), "scenes".to_owned()])
         .collect();
     let heads: Vec<&str> = heads.iter().map(|head| &**head).collect();
-    let mut table = Table::new(format!("Given {}:", given.name()), &heads);
+    let mut table = Table { names: 1, ..Table::new(format!("Given {}:", given.name()), &heads) };
     for (ego, label) in labels.iter().enumerate() {
         let rate = |event: &Event| {
             let values = samples(rows, ego, |row| Some(row.rate(given, event.name())?.rate));
             let name = format!("{label} {} {}", given.name(), event.name());
             percent(values.estimate(Aggregate::Mean, &name))
         };
-        let share = |least: f64| {
-            let is = |row: &RateRow| Some(f64::from(u8::from(row.rate(given, "failure")?.rate > least)));
-            percent(samples(rows, ego, is).estimate(Aggregate::Share, label))
-        };
-        let undriven = samples(rows, ego, |row| row.undriven.get(&given).copied());
-        let without = rows
-            .iter()
-            .filter(|scene| scene[ego].as_ref().is_some_and(|row| row.unattacked_contact.is_some()));
-        let measured = rows
-            .iter()
-            .filter(|scene| scene[ego].as_ref().is_some_and(|row| row.rate(given, "failure").is_some()));
-        let mut cells: Vec<String> = events.iter().map(rate).collect();
-        cells.extend(ABOVE.map(share));
-        cells.push(undriven.mean().map_or("-".to_owned(), |share| format!("{:.1}", 100.0 * share)));
-        cells.push(without.count().to_string());
-        cells.push(measured.count().to_string());
-        table.row(*label, cells);
+        table.row(*label, events.iter().map(rate));
+    }
+    table
+}
+
+/// In how many scenes the drivers fail how often, and what no rate says.
+fn spread(labels: &[&str], rows: &[Vec<Option<RateRow>>]) -> Table {
+    let given = Given::ClearOfRecordedEgo;
+    let [low, high] = ABOVE.map(|least| format!("above {} %", 100.0 * least));
+    let title = format!("Scenes, given {}, by the rate of failure:", given.name());
+    let heads = ["driver", "scenes", &low, &high, "not driven %", "contact without attack"];
+    let mut table = Table { names: 1, ..Table::new(title, &heads) };
+    for (ego, label) in labels.iter().enumerate() {
+        let of_ego = || rows.iter().filter_map(|scene| scene[ego].as_ref());
+        let rates: Vec<f64> =
+            of_ego().filter_map(|row| row.rate(given, "failure")).map(|rate| rate.rate).collect();
+        let above = ABOVE.map(|least| {
+            let count = rates.iter().filter(|rate| **rate > least).count();
+            let share = |e: Estimate| format!("{count} ({:.1} %)", 100.0 * e.value);
+            wilson(count, rates.len()).map_or("-".to_owned(), share)
+        });
+        let undriven = samples(rows, ego, |row| row.undriven.get(&given).copied()).mean();
+        let without = of_ego().filter(|row| row.unattacked_contact.is_some()).count();
+        let [low, high] = above;
+        let undriven = undriven.map_or("-".to_owned(), |share| format!("{:.1}", 100.0 * share));
+        table.row(*label, [rates.len().to_string(), low, high, undriven, without.to_string()]);
     }
     table
 }

@@ -1,7 +1,8 @@
 //! Rates: how likely a driver fails in a scene, if the adversary moves as an untuned motion prior says.
 //!
 //! The density is that of the prior at the temperature at which its sets hold as many recorded ends as they should
-//! ([`NOMINAL_FILE`]). Tuned experts are no density of traffic: the sets of the realistic one hold a fifth of the recorded ends.
+//! ([`NOMINAL_FILE`]). Tuned experts are no density of traffic (the sets of the realistic one hold a
+//! fifth of the recorded ends), and refused as a prior everywhere.
 
 mod calibration;
 
@@ -30,8 +31,6 @@ use crate::{
 
 /// File beside a prior: the temperature of its nominal density.
 pub const NOMINAL_FILE: &str = "nominal.json";
-/// Note in the header of a file of weights that names the expert it is.
-const EXPERT: &str = "expert";
 /// Size limit of that file, bytes.
 const LIMIT: u64 = 1 << 20;
 
@@ -91,7 +90,7 @@ impl RateSpec {
             )));
         }
         let name = self.weights.as_deref().unwrap_or(weights::DEFAULT);
-        let prior = nominal_prior(registries, name)?;
+        let prior = NamedNetwork::load(&registries.backbones, name)?;
         let rule = search::rule(registries, self.feasibility.as_ref())?;
         let mut notes = Vec::new();
         let mut unknown = |why: &str| {
@@ -107,19 +106,6 @@ impl RateSpec {
             (None, None) => unknown(&format!("there is no `{NOMINAL_FILE}`")),
         };
         Ok(NamedRate { spec: self, prior, temperature, rule, notes })
-    }
-}
-
-/// Loads a prior whose density is that of traffic.
-///
-/// *Errors*: there is none of this name; it is an expert.
-pub fn nominal_prior(registries: &Registries, name: &str) -> Result<NamedNetwork> {
-    let prior = NamedNetwork::load(&registries.backbones, name)?;
-    match prior.header.notes.get(EXPERT) {
-        None => Ok(prior),
-        Some(expert) => Err(Error::Value(format!(
-            "`{name}` is the {expert} expert: it was tuned to a preference and is no density of traffic; name the prior it was tuned from"
-        ))),
     }
 }
 

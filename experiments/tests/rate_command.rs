@@ -121,6 +121,6 @@ fn tuned_experts_are_no_density_of_traffic() {
         [["rate", text(&scenes), "--ego", "idm"], ["calibrate", text(&scenes), "--nominal", "--force"]]
     {
         let refused = failure(&[&command[..], &["--weights", text(&expert), "--out", text(&out)]].concat());
-        assert!(refused.contains("is the realistic expert: it was tuned to a preference"), "{refused}");
+        assert!(refused.contains("is the realistic expert of a prior, no prior"), "{refused}");
     }
 }

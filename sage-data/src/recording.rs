@@ -271,8 +271,17 @@ impl Recording {
     pub fn to_pickle(&self) -> Result<Vec<u8>, Error> {
         Ok(match self.written(false)? {
             Some(document) => document.to_pickle(),
-            None => metadrive::fresh(&self.scene.as_observed()).to_pickle(),
+            None => self.fresh(&self.scene.as_observed())?.to_pickle(),
         })
+    }
+
+    /// A document for a scene without a source. It says how the scene was derived: who was added attacks in other formats too.
+    fn fresh(&self, scene: &Scene) -> Result<Document, Error> {
+        let mut document = metadrive::fresh(scene);
+        if let Some(provenance) = self.provenance()? {
+            metadrive::annotate(&mut document, PROVENANCE, &provenance);
+        }
+        Ok(document)
     }
 
     /// The recording as a native file.
@@ -300,7 +309,7 @@ impl Recording {
         let encode = |document: &Document| womd::encode(&scene, document, stem.as_deref());
         let encoded = match self.written(true)? {
             Some(document) => encode(&document),
-            None => encode(&metadrive::fresh(&scene)),
+            None => encode(&self.fresh(&scene)?),
         };
         if encoded.data.len() as u64 > womd::MAX_RECORD {
             return Err(Error::TooLarge { path: self.path.clone(), limit: womd::MAX_RECORD });
@@ -317,7 +326,10 @@ impl Recording {
         let provenance = self.provenance()?;
         let attacker = provenance.as_deref().and_then(gpudrive::attacker);
         let scene = self.scene.as_observed();
-        let document = self.written(true)?.unwrap_or_else(|| metadrive::fresh(&scene));
+        let document = match self.written(true)? {
+            Some(document) => document,
+            None => self.fresh(&scene)?,
+        };
         gpudrive::encode(&scene, &document, attacker.as_deref(), &self.path)
     }
 

@@ -2,9 +2,7 @@
 
 use advsage::{
     Registries,
-    rate::{
-        Coverage, LEVELS, NOMINAL_FILE, NominalCard, RecordedEnd, fitted_temperature, hash, nominal_prior,
-    },
+    rate::{Coverage, LEVELS, NOMINAL_FILE, NominalCard, RecordedEnd, fitted_temperature, hash},
     weights::NamedNetwork,
 };
 use anyhow::{Result, ensure};
@@ -29,7 +27,7 @@ const LAST: usize = NOW + HORIZON;
 
 pub(super) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outcome> {
     let out = OutputFile::claim(&args.out, args.force)?;
-    let prior = nominal_prior(registries, &args.weights)?;
+    let prior = NamedNetwork::load(&registries.backbones, &args.weights)?;
     let scenes = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?.attackable()?;
     let ends_of = ends(&prior, &scenes)?;
     let adversaries = &ends_of[Role::Adversary as usize];

@@ -98,6 +98,12 @@ impl Ego {
         Ok(AttackTest::new(policy, scene, seed)?.with_references(&self.references).with_fault(self.fault))
     }
 
+    /// Its name as part of file names.
+    pub fn file_name(&self) -> String {
+        let keep = |c: char| if c.is_alphanumeric() || "._-".contains(c) { c } else { '-' };
+        self.label.chars().map(keep).take(80).collect()
+    }
+
     /// Takes other reference drivers than the default ones.
     ///
     /// *Errors*: as [`references::references`].

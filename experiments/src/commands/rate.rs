@@ -63,11 +63,11 @@ impl<'a> Job<'a> {
         });
         let egos = egos.collect::<Result<Vec<_>>>()?;
         for (k, ego) in egos.iter().enumerate() {
-            let is_twice = egos[..k].iter().any(|other| file_name(other) == file_name(ego));
+            let is_twice = egos[..k].iter().any(|other| other.file_name() == ego.file_name());
             ensure!(
                 !is_twice,
                 "two drivers have the file name `{}`; name one: NAME={}",
-                file_name(ego),
+                ego.file_name(),
                 ego.label
             );
         }
@@ -88,7 +88,7 @@ impl<'a> Job<'a> {
 
     /// Names of the rows of a scene, driver by driver.
     fn files(&self, scene: &str) -> Vec<String> {
-        self.egos.iter().map(|ego| row_file(&format!("{scene}-{}", file_name(ego)))).collect()
+        self.egos.iter().map(|ego| row_file(&format!("{scene}-{}", ego.file_name()))).collect()
     }
 
     fn identity(&self) -> Result<Value> {
@@ -123,12 +123,6 @@ fn drivers(args: &RateArgs) -> Vec<DriverSpec> {
 /// Name of the picture beside a row.
 fn picture_file(row: &str) -> String {
     format!("{}.svg", row.trim_end_matches(".json"))
-}
-
-/// A driver's name as part of file names.
-fn file_name(ego: &Ego) -> String {
-    let keep = |c: char| if c.is_alphanumeric() || "._-".contains(c) { c } else { '-' };
-    ego.label.chars().map(keep).take(80).collect()
 }
 
 pub(crate) fn run(args: &RateArgs, extent: Extent, registries: &Registries) -> Result<Outcome> {

@@ -122,12 +122,8 @@ impl<'a> Job<'a> {
 
     /// A driver's name as part of file names. Drivers whose names differ only in other characters get a number.
     fn file_name(&self, ego: usize) -> String {
-        let plain = |ego: &Ego| -> String {
-            let keep = |c: char| if c.is_alphanumeric() || "._-".contains(c) { c } else { '-' };
-            ego.label.chars().map(keep).take(80).collect()
-        };
-        let name = plain(&self.egos[ego]);
-        match self.egos[..ego].iter().filter(|other| plain(other) == name).count() {
+        let name = self.egos[ego].file_name();
+        match self.egos[..ego].iter().filter(|other| other.file_name() == name).count() {
             0 => name,
             before => format!("{name}-{}", before + 1),
         }

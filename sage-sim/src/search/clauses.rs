@@ -269,7 +269,7 @@ pub enum Reason {
     NotShownAvoidable,
     /// No reference driver prevents the contact in any of the attacks that meet the other clauses.
     NotPreventable,
-    /// The same, but none leaves a person the time to react.
+    /// The same, but the human time of none is long enough.
     NoHumanTime,
     /// Failures by the other clauses, but none in every variant of the drive.
     NotInEveryVariant,
@@ -320,7 +320,7 @@ impl Reason {
             Self::NotShownAvoidable => "no evasive manoeuvre was found",
             Self::NotPreventable => "no reference driver prevents the contact",
             Self::NotStrict => "no attack within the strict speeds of people",
-            Self::NoHumanTime => "no contact leaves a person the time to react",
+            Self::NoHumanTime => "no contact has enough human time",
             Self::NotInEveryVariant => "no failure holds in every variant of the drive",
             Self::Budget => "the budget ended before the plans did",
         }

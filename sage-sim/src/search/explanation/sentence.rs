@@ -301,7 +301,7 @@ impl Reason {
             Self::NotShownAvoidable => "the contact stays, and no evasive manoeuvre is found",
             Self::NotPreventable => "the contact stays, and no reference driver prevents it",
             Self::NotStrict => "the contact stays, but the person is faster",
-            Self::NoHumanTime => "the contact stays, but leaves a person no time to react",
+            Self::NoHumanTime => "the contact stays, but its human time is too short",
             Self::NotInEveryVariant => "the failure does not hold in every variant of the drive",
             Self::Budget => "the drives are used up",
         }

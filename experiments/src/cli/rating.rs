@@ -13,7 +13,7 @@ use super::{
     searching::fault_rules,
 };
 
-/// How likely a driver fails, if the adversary moves as recorded traffic does.
+/// How likely a driver fails, if the adversary moves as a motion prior says.
 ///
 /// SCENE is a scene file, a TFRecord file, a record (FILE#3), or a folder of them. A motion prior, untuned, gives each goal of the
 /// adversary a probability; the driver drives against a sample of these plans, likelier ones more often. The rate of an event is the

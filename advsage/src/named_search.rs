@@ -1,5 +1,9 @@
 //! A search as a user names it, with all that its plans are built from.
 
+use sage_core::{
+    generator::Observation,
+    objective::{Context, ContextOptions},
+};
 use sage_generators::Facts;
 use sage_sim::search::{MOST_PLANS, Pool, SearchOptions, SearchResult};
 
@@ -10,6 +14,7 @@ use crate::{
     operating_point::OperatingPointSpec,
     part::Part,
     prepared::DriverInScene,
+    rate::{Density, DensityIdentity, DensitySpec, probability_near},
     search::{self, POOL, PlanSources},
     selection::Selection,
     weights::NamedExperts,
@@ -59,6 +64,8 @@ pub struct NamedSearch {
     pub points: Vec<OperatingPointSpec>,
     /// Where plans come from.
     pub plans: PlanSources,
+    /// Density under which failures have a probability: that of the weights, if it is calibrated.
+    density: Option<Density>,
     /// What the user should know, besides the notes of the weights.
     pub notes: Vec<String>,
 }
@@ -123,7 +130,16 @@ impl SearchSpec {
             Some((method, _)) => PlanSources::of_generator(&generators, method, &points, plans)?,
             None => PlanSources::pool(&generators, &points, plans)?,
         };
-        Ok(NamedSearch { rule, method, selection, weights, points, plans, notes })
+        let density = weights
+            .as_ref()
+            .map(|named| DensitySpec::default().build(&named.name, named.experts.prior().clone()));
+        let density = density.transpose()?;
+        if let Some(density) = &density {
+            let unknown = density.notes.iter();
+            notes.extend(unknown.map(|note| format!("{note}; failures have no probability")));
+        }
+        let density = density.filter(|density| density.notes.is_empty());
+        Ok(NamedSearch { rule, method, selection, weights, points, plans, density, notes })
     }
 }
 
@@ -137,7 +153,34 @@ impl NamedSearch {
         options: &SearchOptions,
         seed: u64,
     ) -> Result<(Pool, SearchResult)> {
-        self.plans.search(&driver.test, &driver.ctx, &self.rule.objective, options, seed)
+        let (pool, mut result) =
+            self.plans.search(&driver.test, &driver.ctx, &self.rule.objective, options, seed)?;
+        self.weigh(driver, &pool, &mut result)?;
+        Ok((pool, result))
+    }
+
+    /// Gives failures their probabilities.
+    fn weigh(&self, driver: &DriverInScene, pool: &Pool, result: &mut SearchResult) -> Result<()> {
+        let ctx = &driver.ctx;
+        let Some(density) = &self.density else { return Ok(()) };
+        if result.failures.is_empty() || ctx.adversary().kind.is_person() {
+            return Ok(());
+        }
+        // The density knows the recording, not what this driver does: it is the same for all drivers.
+        let recorded = Context::new(driver.test.scene(), ctx.index(), &ContextOptions::default())?;
+        let plans = density.plans(&Observation::of(recorded.scene(), recorded.index())?, &recorded)?;
+        for failure in &mut result.failures {
+            let driven = &result.driven[failure.drive];
+            let steps = driven.contact.as_ref().map_or(0, |met| usize::try_from(met.step).unwrap_or(0));
+            let plan = &pool.plans[driven.plan].proposal.trajectory;
+            failure.probability = Some(probability_near(&plans, plan, steps));
+        }
+        Ok(())
+    }
+
+    /// What identifies the density of its failures' probabilities.
+    pub fn density(&self) -> Option<DensityIdentity> {
+        self.density.as_ref().map(Density::identity)
     }
 
     /// Name of the plans in rows and tables.

@@ -1,27 +1,32 @@
-//! Rates: how likely a driver fails in a scene, if the adversary moves as an untuned motion prior says.
-//!
-//! The density is that of the prior at the temperature at which its sets hold as many recorded ends as they should
-//! ([`NOMINAL_FILE`]). Tuned experts are no density of traffic (the sets of the realistic one hold a
-//! fifth of the recorded ends), and refused as a prior everywhere.
+//! Rates: how likely a driver fails in a scene, if the adversary moves as a nominal density says.
 
 mod calibration;
+mod density;
+mod forecast;
+mod timing;
 
 use std::sync::Arc;
 
-pub use calibration::{Coverage, LEVELS, NominalCard, RecordedEnd, TEMPERATURES, fitted_temperature};
+pub use calibration::{
+    Coverage, LEVELS, Meetings, NominalCard, RecordedEnd, TEMPERATURES, TimingGain, fitted_temperature,
+};
+pub use density::{
+    Density, DensityIdentity, DensitySpec, MOST_PROFILES, NOMINAL_FILE, PROFILES, hash, probability_near,
+};
+pub use forecast::Forecast;
 use sage_core::{
     generator::Observation,
     objective::{Context, ContextOptions},
     scene::{Scene, SceneIndex},
 };
-use sage_generators::nominal_goals;
 use sage_sim::{
-    rate::{Driven, Nominal},
+    rate::{Driven, Given, Nominal},
     search::{Explained, Requirement, SearchOptions},
 };
+pub use timing::{RecordedTiming, Timing, fitted_spread, gains};
 
 use crate::{
-    Error, Registries, Result, WithContext as _,
+    Registries, Result,
     part::Part,
     prepared::DriverInScene,
     search,
@@ -29,24 +34,21 @@ use crate::{
     weights::{self, NamedNetwork},
 };
 
-/// File beside a prior: the temperature of its nominal density.
-pub const NOMINAL_FILE: &str = "nominal.json";
-/// Size limit of that file, bytes.
-const LIMIT: u64 = 1 << 20;
-
 /// What a user says of a rate.
 #[derive(Clone, Debug)]
 pub struct RateSpec {
     /// The prior, by the name of its weights; [`weights::DEFAULT`] if none.
     pub weights: Option<String>,
-    /// Temperature of the density; that of the weights if none.
-    pub temperature: Option<f64>,
+    /// The density.
+    pub density: DensitySpec,
     /// What feasible means; `drivable` if none.
     pub feasibility: Option<Part>,
     /// Number of drives in a scene; none for all plans.
     pub budget: Option<usize>,
     /// What makes a failure.
     pub require: Requirement,
+    /// What the headline is conditioned on, and the likeliest failure.
+    pub given: Given,
     /// Seed of the sample.
     pub seed: u64,
 }
@@ -55,24 +57,21 @@ pub struct RateSpec {
 pub struct NamedRate {
     /// What the user said.
     pub spec: RateSpec,
-    /// The prior.
-    pub prior: NamedNetwork,
-    /// Temperature of the density.
-    pub temperature: f64,
+    /// The density.
+    pub density: Density,
     /// Its rule decides which plans are feasible.
     pub rule: Selection,
-    /// What the user should know.
-    pub notes: Vec<String>,
 }
 
 impl Default for RateSpec {
     fn default() -> Self {
         Self {
             weights: None,
-            temperature: None,
+            density: DensitySpec::default(),
             feasibility: None,
             budget: Some(64),
             require: Requirement::default(),
+            given: Given::default(),
             seed: 0,
         }
     }
@@ -81,50 +80,26 @@ impl Default for RateSpec {
 impl RateSpec {
     /// Checks everything and loads the prior.
     ///
-    /// *Errors*: a temperature out of range; weights or a rule that there are not.
+    /// *Errors*: those of [`DensitySpec::build`]; weights or a rule that there are not.
     pub fn build(self, registries: &Registries) -> Result<NamedRate> {
-        let [least, most] = TEMPERATURES;
-        if let Some(temperature) = self.temperature.filter(|t| !(*t >= least && *t <= most)) {
-            return Err(Error::Value(format!(
-                "the temperature is {temperature}; expected {least} to {most}"
-            )));
-        }
+        self.build_with(registries, |_| {})
+    }
+
+    /// The same; `loaded` is told of the prior before it is used.
+    ///
+    /// *Errors*: as [`RateSpec::build`].
+    pub fn build_with(
+        self,
+        registries: &Registries,
+        loaded: impl FnOnce(&NamedNetwork),
+    ) -> Result<NamedRate> {
         let name = self.weights.as_deref().unwrap_or(weights::DEFAULT);
         let prior = NamedNetwork::load(&registries.backbones, name)?;
+        loaded(&prior);
+        let density = self.density.build(name, prior.network.into())?;
         let rule = search::rule(registries, self.feasibility.as_ref())?;
-        let mut notes = Vec::new();
-        let mut unknown = |why: &str| {
-            notes.push(format!(
-                "{why}, so whether the density of weights `{name}` is calibrated is not known; its temperature is taken as 1 (`sage calibrate --nominal` fits it)"
-            ));
-            1.0
-        };
-        let temperature = match (self.temperature, card(name)?) {
-            (Some(temperature), _) => temperature,
-            (None, Some(card)) if card.prior == hash(&prior)? => card.temperature,
-            (None, Some(_)) => unknown(&format!("`{NOMINAL_FILE}` is of another prior")),
-            (None, None) => unknown(&format!("there is no `{NOMINAL_FILE}`")),
-        };
-        Ok(NamedRate { spec: self, prior, temperature, rule, notes })
+        Ok(NamedRate { spec: self, density, rule })
     }
-}
-
-/// Hash of a prior, by which its card knows it.
-///
-/// *Errors*: none on a CPU.
-pub fn hash(prior: &NamedNetwork) -> Result<String> {
-    Ok(prior.network.parameters().hash()?)
-}
-
-/// The card of some weights; `None` without.
-fn card(name: &str) -> Result<Option<NominalCard>> {
-    let Ok(found) = weights::find(name) else { return Ok(None) };
-    if !found.has(NOMINAL_FILE) {
-        return Ok(None);
-    }
-    let text = found.text(NOMINAL_FILE, LIMIT)?;
-    let card = serde_json::from_str(&text);
-    card.map(Some).with_context(|| format!("`{}`", found.path(NOMINAL_FILE).display()))
 }
 
 impl NamedRate {
@@ -133,16 +108,18 @@ impl NamedRate {
     /// *Errors*: a scene that is too short, or has no adversary that is valid *now*.
     pub fn nominal(&self, scene: &Arc<Scene>, index: &Arc<SceneIndex>) -> Result<Nominal> {
         let recorded = Context::new(scene, index, &ContextOptions::default())?;
-        let goals = nominal_goals(&*self.prior.network, &Observation::of(scene, index)?)?;
-        Ok(Nominal::new(&recorded, self.rule.objective.rule(), goals, self.temperature))
+        let plans = self.density.plans(&Observation::of(scene, index)?, &recorded)?;
+        Ok(Nominal::new(&recorded, self.rule.objective.rule(), plans))
     }
 
-    /// Drives a driver against plans of the density.
+    /// Drives a driver against plans of the density, and says with which probability each plan is driven.
     ///
     /// *Errors*: an error of the driver.
-    pub fn drive(&self, driver: &DriverInScene, nominal: &Nominal) -> Result<Vec<Driven>> {
-        let rule = self.rule.objective.rule();
-        Ok(nominal.drive(&driver.test, &driver.ctx, rule, &self.options(), self.spec.seed)?)
+    pub fn drive(&self, driver: &DriverInScene, nominal: &Nominal) -> Result<(Vec<f64>, Vec<Driven>)> {
+        let (rule, options) = (self.rule.objective.rule(), self.options());
+        let inclusions = nominal.inclusions(&driver.ctx, self.spec.given, options.budget);
+        let driven = nominal.drive(&driver.test, &driver.ctx, rule, &options, &inclusions, self.spec.seed)?;
+        Ok((inclusions, driven))
     }
 
     /// How its drives are made: the budget is that of the rate.

@@ -4,6 +4,7 @@ pub mod attack;
 pub mod contact;
 pub mod drive;
 mod drive_panel;
+pub mod evaluated;
 pub mod failure;
 mod generated_by;
 pub mod plan;

@@ -185,7 +185,11 @@ pub fn folder_of(name: &str) -> Option<PathBuf> {
 }
 
 fn described(name: &str, network: &str, header: &Header) -> String {
-    let terms = header.license.split('.').next().unwrap_or_default();
-    let terms = if terms.is_empty() { String::new() } else { format!("; {}", terms.to_lowercase()) };
+    // The first sentence; `MIT OR Apache-2.0` is none.
+    let terms = match header.license.split_once(". ") {
+        Some((first, _)) => format!("; {}", first.to_lowercase()),
+        None if header.license.is_empty() => String::new(),
+        None => format!("; {}", header.license),
+    };
     format!("weights `{name}` (network {network}{terms})")
 }

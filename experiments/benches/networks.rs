@@ -68,7 +68,7 @@ fn networks(c: &mut Criterion) {
     let mut trainer = Trainer::new(&*network, trained, AdamWConfig::default()).expect("it is a CPU");
     group.bench_function("densetnt: training step, 2000 goals", |b| {
         b.iter(|| {
-            let loss = trainer.trainable()?.loss(&sample)?;
+            let loss = trainer.trainable()?.loss(&sample, &mut Rng::new(0, "", "loss"))?;
             let gradient = trainer.gradient(&loss, "bench")?;
             trainer.update(&[gradient], 1e-4, 5.0)
         });

@@ -1,5 +1,4 @@
-//! `sage` with your own backbone. It scores goals by their features alone. The trajectory to a goal is the
-//! initial trajectory of smooth heads, without learned changes.
+//! `sage` with your own backbone made of ready layers of candle-nn: it scores goals by their features alone.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_backbone -- pretrain --backbone goal-scorer \
@@ -10,91 +9,72 @@ use std::{process::ExitCode, sync::Arc};
 
 use sage_backbones::{
     Backbone, Error, MotionModel, Parameters, Trainable,
-    backbone::{Loss, ParameterGroup, Sample, tensor},
+    backbone::{Definition, Loss, ParameterGroup, Sample},
     candle::{Module as _, Result as CandleResult, Tensor},
+    candle_nn::{LayerNorm, LayerNormConfig, Linear, layer_norm, linear, linear_no_bias},
     encoding::Encoding,
     features::{Features, GOAL_COLUMNS},
     labels,
-    nn::{Linear, Mlp, log_softmax},
-    parameters::{ParameterSpec, Scope},
+    nn::log_softmax,
+    parameters::Scope,
     smooth_path,
 };
-use sage_core::registry::Entry;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use sage_core::{
+    registry::{Entry, NoOptions},
+    seed::Rng,
+};
 
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-struct Options {
-    /// Width of the hidden layers.
-    hidden: usize,
-    /// Seed of the initial weights.
-    seed: u64,
-}
+const WIDTH: usize = 32;
 
-impl Default for Options {
-    fn default() -> Self {
-        Self { hidden: 32, seed: 0 }
-    }
-}
-
-/// The layers. A [`Scope`] gives their parameters by name, so one constructor lists, initialises and loads
-/// them.
 struct Layers {
-    first: Mlp,
-    second: Mlp,
+    first: Linear,
+    norm: LayerNorm,
+    second: Linear,
     last: Linear,
 }
 
 impl Layers {
-    fn new(scope: &Scope, hidden: usize) -> CandleResult<Self> {
+    /// Layers take their tensors from a `VarBuilder` of the scope. A layer norm without bias passes gradients; candle's with one does not.
+    fn new(scope: &Scope) -> CandleResult<Self> {
+        let vb = scope.var_builder();
+        let without_bias = LayerNormConfig { affine: false, ..LayerNormConfig::default() };
         Ok(Self {
-            first: Mlp::new(&scope.at("first"), GOAL_COLUMNS, hidden)?,
-            second: Mlp::new(&scope.at("second"), hidden, hidden)?,
-            last: Linear::new(&scope.at("last"), hidden, 1)?,
+            first: linear(GOAL_COLUMNS, WIDTH, vb.pp("first"))?,
+            norm: layer_norm(WIDTH, without_bias, vb.pp("norm"))?,
+            second: linear(WIDTH, WIDTH, vb.pp("second"))?,
+            // A bias would add the same to all goals.
+            last: linear_no_bias(WIDTH, 1, vb.pp("last"))?,
         })
+    }
+
+    fn scores(&self, goals: &Tensor) -> CandleResult<Tensor> {
+        let hidden = self.norm.forward(&self.first.forward(goals)?)?.gelu()?;
+        self.last.forward(&self.second.forward(&hidden)?.gelu()?)?.squeeze(1)
     }
 }
 
 struct GoalScorer {
-    options: Options,
-    json: Value,
-    specs: Arc<[ParameterSpec]>,
-    parameters: Parameters,
+    definition: Definition,
     layers: Layers,
 }
 
 impl GoalScorer {
-    fn over(options: Options, specs: Arc<[ParameterSpec]>, parameters: Parameters) -> Result<Self, Error> {
-        let layers = Layers::new(&Scope::of(&parameters), options.hidden)?;
-        let json = serde_json::to_value(&options).unwrap_or_default();
-        Ok(Self { options, json, specs, parameters, layers })
+    fn over(definition: Definition) -> Result<Self, Error> {
+        Ok(Self { layers: Layers::new(&definition.scope())?, definition })
     }
 }
 
 impl Backbone for GoalScorer {
-    fn name(&self) -> &'static str {
-        <Self as Entry<dyn Backbone>>::NAME
-    }
-
-    fn options(&self) -> &Value {
-        &self.json
-    }
-
-    fn parameter_specs(&self) -> &[ParameterSpec] {
-        &self.specs
-    }
-
-    fn parameters(&self) -> &Parameters {
-        &self.parameters
+    fn definition(&self) -> &Definition {
+        &self.definition
     }
 
     fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
-        Ok(Box::new(Self::over(self.options.clone(), self.specs.clone(), parameters)?))
+        Ok(Box::new(Self::over(self.definition.with(parameters))?))
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        let goals = tensor(&features.goal_features, self.layers.last.weight.dtype())?;
+        let goals = self.definition.tensor(&features.goal_features)?;
         Ok(Encoding::new(self.tag(), features, vec![goals]))
     }
 
@@ -106,8 +86,7 @@ impl Backbone for GoalScorer {
 impl MotionModel for GoalScorer {
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let [goals] = encoding.states_of(self.tag())?;
-        let hidden = self.layers.second.forward(&self.layers.first.forward(goals)?)?;
-        Ok(log_softmax(&self.layers.last.forward(&hidden)?.squeeze(1)?)?)
+        Ok(log_softmax(&self.layers.scores(goals)?)?)
     }
 
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
@@ -115,25 +94,23 @@ impl MotionModel for GoalScorer {
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
-        let [goals] = encoding.states_of(self.tag())?;
         let features = encoding.features();
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| features.goals[mode]).collect();
-        let changes = Tensor::zeros((modes.len(), smooth_path::CHANGES), goals.dtype(), goals.device())?;
-        Ok(smooth_path::paths(&changes, &ends, features.velocity[0])?)
+        let size = ends.len() * smooth_path::CHANGES;
+        let straight = self.definition.constant(&vec![0.0; size], (ends.len(), smooth_path::CHANGES))?;
+        Ok(smooth_path::paths(&straight, &ends, features.velocity[0])?)
     }
 }
 
 impl Trainable for GoalScorer {
-    fn group_of(&self, name: &str) -> ParameterGroup {
-        // The softmax over goals does not change if the same value is added to every goal.
-        if name == "last.bias" { ParameterGroup::WithoutEffect } else { ParameterGroup::Scoring }
+    fn group_of(&self, _: &str) -> ParameterGroup {
+        ParameterGroup::Scoring
     }
 
-    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
-        let encoding = self.encode(sample.features.clone())?;
-        let end = labels::end(&sample.future, &sample.valid);
-        let weights = labels::soft(&sample.features.goals, end);
-        Loss::of(vec![("goal", labels::cross_entropy(&self.log_probs(&encoding)?, &weights)?)])
+    fn loss(&self, sample: &Sample, _: &mut Rng) -> Result<Loss, Error> {
+        let log_probs = self.log_probs(&self.encode(sample.features.clone())?)?;
+        let weights = labels::soft(&sample.features.goals, labels::end(&sample.future, &sample.valid));
+        Loss::of(vec![("goal", labels::cross_entropy(&log_probs, &weights)?)])
     }
 }
 
@@ -141,18 +118,10 @@ impl Entry<dyn Backbone> for GoalScorer {
     const NAME: &'static str = "goal-scorer";
     const SUMMARY: &'static str = "goals scored by their features alone";
     const SOURCE: &'static str = "this example";
-    type Options = Options;
+    type Options = NoOptions;
 
-    fn build(options: Options) -> Result<Box<dyn Backbone>, String> {
-        if options.hidden == 0 {
-            return Err("`hidden` must be above 0".to_owned());
-        }
-        let build = || {
-            let specs = Scope::list(|scope| Layers::new(scope, options.hidden))?;
-            let parameters = Parameters::start(&specs, options.seed)?;
-            Self::over(options.clone(), specs.into(), parameters)
-        };
-        Ok(Box::new(build().map_err(|e| e.to_string())?))
+    fn build(options: NoOptions) -> Result<Box<dyn Backbone>, String> {
+        Ok(Box::new(Self::over(Definition::of::<Self, _>(&options, 0, Layers::new)?)?))
     }
 }
 

@@ -55,6 +55,9 @@ fn default_weights_are_the_same_in_every_command_and_folder() {
     std::fs::create_dir_all(&waymo).unwrap();
     for entry in std::fs::read_dir(root.join("weights/procedural")).unwrap() {
         let entry = entry.unwrap();
+        if entry.path().is_dir() {
+            continue;
+        }
         std::fs::copy(entry.path(), waymo.join(entry.file_name())).unwrap();
     }
     let (with, named) = (folder.path().join("with"), folder.path().join("with/weights"));

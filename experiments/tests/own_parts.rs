@@ -1,24 +1,14 @@
 //! Parts from outside, as `docs/extending.md` describes them: each example program does the whole of it.
 
-#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
 mod program;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use insta::assert_snapshot;
 use program::*;
 use serde_json::Value;
-
-/// An example program; none where only the tests of this crate were built.
-fn own(name: &str) -> Option<PathBuf> {
-    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join(name);
-    if !program.exists() {
-        eprintln!("left out: `{}` is built by `cargo test --workspace` alone", program.display());
-        return None;
-    }
-    Some(program)
-}
 
 fn crossing() -> String {
     example().replace("crossing.pkl", "crossing.json")
@@ -281,21 +271,6 @@ fn a_dial_is_for_the_terms_it_was_fitted_for() {
     why there is no attack: `sage explain [folder]/soup/crossing-aggression0.50.json`
     to look at the attacks, open `[folder]/soup/index.html`
     ");
-}
-
-#[test]
-fn a_backbone_is_trained_by_name() {
-    let Some(program) = own("own_backbone") else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("own").display().to_string();
-    let pretrain =
-        ["pretrain", "--backbone", "goal-scorer", "--procedural", "1", "--epochs", "1", "--out", &out];
-    let output = run(&program, &pretrain);
-    assert!(output.status.success(), "{}", stderr(&output));
-    let found = rows(&run(&program, &["predict", &example(), "--weights", &out, "--json", "--k", "4"]));
-    assert_eq!(found.len(), 4);
-    let shipped = sage(&["predict", &example(), "--weights", &out]);
-    assert_snapshot!(redacted(stderr(&shipped)), @"error: `[folder]/own/prior.safetensors`: cannot be used: unknown backbone `goal-scorer`; known: densetnt, query-transformer, lane-graph, densetnt-cat");
 }
 
 #[test]

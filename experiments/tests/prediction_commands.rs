@@ -77,3 +77,48 @@ fn pretrain_resumes_after_an_interruption_with_the_same_weights() {
     let expected = sage_backbones::Parameters::load(&Path::new(&out).join("prior.safetensors")).unwrap().0;
     assert_eq!(found.hash().unwrap(), expected.hash().unwrap());
 }
+
+/// Compares what the fast layers of the CPU compute with the operations for other devices.
+#[test]
+fn operations_for_other_devices_predict_and_train_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |layers: &str, arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_sage"))
+            .args(arguments)
+            .env_remove("SAGE_WEIGHTS")
+            .env("SAGE_LAYERS", layers)
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        output
+    };
+    let diffusion = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural/diffusion");
+    let numbers = |row: &serde_json::Value| -> Vec<f64> {
+        let points = row["trajectory"].as_array().unwrap().iter();
+        let of = |point: &serde_json::Value| [0, 1].map(|axis| point[axis].as_f64().unwrap());
+        points.flat_map(of).chain(row["log_prob"].as_f64()).collect()
+    };
+    for weights in ["procedural", text(&diffusion)] {
+        let scene = example();
+        let predict = ["predict", &scene, "--weights", weights, "--k", "8", "--json"];
+        let [fast, composed] = ["", "composed"].map(|layers| rows(&run(layers, &predict)));
+        for (a, b) in fast.iter().flat_map(numbers).zip(composed.iter().flat_map(numbers)) {
+            assert!((a - b).abs() < 2e-3, "{weights}: {a} {b}");
+        }
+        assert_ne!(fast, composed, "the composed operations were not taken");
+    }
+    let [fast, composed] = ["", "composed"].map(|layers| {
+        let out = folder.path().join(format!("prior-{layers}"));
+        let small = r#"{"hidden": 16, "rounds": 1}"#;
+        let train =
+            ["pretrain", "--procedural", "2", "--epochs", "1", "--network", small, "--out", text(&out)];
+        run(layers, &train);
+        // Losses of the goals and of the trajectories.
+        let curve = std::fs::read_to_string(out.join("curve.csv")).unwrap();
+        let row: Vec<f64> = curve.lines().nth(1).unwrap().split(',').map(|x| x.parse().unwrap()).collect();
+        [row[2], row[3]]
+    });
+    for (a, b) in fast.into_iter().zip(composed) {
+        assert!(a > 0.0 && (a - b).abs() < 2e-3 * a, "{a} {b}");
+    }
+}

@@ -62,7 +62,8 @@ fn exact_rates_lie_in_the_bounds_of_samples_and_the_likeliest_failure_drives_aga
     let (folder, scenes) = desk();
     let rated = |name: &str, budget: &str| {
         let out = folder.path().join(name);
-        let command = ["rate", text(&scenes), "--ego", "replay,idm", "--budget", budget];
+        let command =
+            ["rate", text(&scenes), "--ego", "replay,idm", "--budget", budget, "--given", "feasible"];
         stdout(&sage(&[&command[..], &["--out", text(&out)]].concat()));
         out
     };
@@ -110,6 +111,75 @@ fn exact_rates_lie_in_the_bounds_of_samples_and_the_likeliest_failure_drives_aga
         }
     }
     assert!(failures > 1, "{failures}");
+}
+
+#[test]
+fn one_profile_is_the_trajectory_of_the_goal_and_an_adversary_that_looks_out_meets_fewer() {
+    let (folder, scenes) = desk();
+    let rated = |name: &str, options: &[&str]| {
+        let out = folder.path().join(name);
+        let command = ["rate", text(&scenes), "--ego", "replay", "--budget", "all"];
+        stdout(&sage(&[&command[..], options, &["--out", text(&out)]].concat()));
+        written(&out)
+            .into_iter()
+            .filter(|(name, _)| name.ends_with(".json"))
+            .map(|(_, row)| serde_json::from_str::<Value>(&row).unwrap())
+            .collect::<Vec<_>>()
+    };
+    let (one, several, aware) =
+        (rated("one", &["--profiles", "1"]), rated("several", &[]), rated("aware", &["--aware"]));
+    let mut met = [0.0; 2];
+    for ((one, several), aware) in one.iter().zip(&several).zip(&aware) {
+        assert_eq!(one["shifts"], serde_json::json!([0.0]));
+        assert_eq!(several["shifts"].as_array().unwrap().len(), 5);
+        // Shifts share the probability of their goal: all plans together have the same mass, whether feasible or not.
+        let goals = |row: &Value| row["goals"].as_array().unwrap().len();
+        assert!(goals(several) >= goals(one), "{}", one["scene"]);
+        for (sum, row) in met.iter_mut().zip([several, aware]) {
+            *sum += row["rates"]["feasible"]["contact"]["rate"].as_f64().unwrap_or(0.0);
+        }
+    }
+    assert!(met[0] > 0.0 && met[1] < 0.8 * met[0], "{met:?}");
+}
+
+#[test]
+fn failures_of_a_search_have_probabilities_and_the_likeliest_has_the_largest() {
+    let (folder, scenes) = desk();
+    let out = folder.path().join("found");
+    stdout(&sage(&[
+        "search",
+        text(&scenes),
+        "--ego",
+        "idm",
+        "--budget",
+        "24",
+        "--format",
+        "rows",
+        "--out",
+        text(&out),
+    ]));
+    let mut found = 0;
+    for entry in fs::read_dir(&out).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let Some(scene) =
+            name.strip_suffix(".json").filter(|name| out.join(format!("{name}-drives.json")).is_file())
+        else {
+            continue;
+        };
+        let row = row(&out, scene);
+        let failures = row["failures"].as_u64().unwrap();
+        let probability = |k: u64| {
+            let text = fs::read_to_string(out.join(format!("{scene}-failure{k}.json"))).unwrap();
+            serde_json::from_str::<Value>(&text).unwrap()["probability"].as_f64().unwrap()
+        };
+        let all: Vec<f64> = (1..=failures).map(probability).collect();
+        assert!(all.iter().all(|p| (0.0..=1.0).contains(p)), "{scene}: {all:?}");
+        let Some(most) = all.iter().copied().reduce(f64::max) else { continue };
+        assert_eq!(row["likeliest"]["probability"].as_f64(), Some(most), "{scene}");
+        found += 1;
+    }
+    assert!(found > 1, "{found}");
 }
 
 #[test]

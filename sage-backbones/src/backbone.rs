@@ -3,22 +3,23 @@
 
 use std::sync::Arc;
 
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Tensor};
 use sage_core::{
     generator::Observation,
     geometry::Point,
     motion::{HORIZON, Trajectory},
+    seed::Rng,
 };
 use serde_json::Value;
 
 use crate::{
     Error, Parameters,
     encoding::{Encoding, NetworkTag},
-    features::{EdgeKinds, EgoForecast, Features, Table},
+    features::{EdgeKinds, EgoForecast, Features},
     parameters::ParameterSpec,
 };
 
-pub use crate::parameter_group::ParameterGroup;
+pub use crate::{definition::Definition, parameter_group::ParameterGroup};
 
 /// A probabilistic motion model of one target agent: modes with probabilities and trajectories. Proposers
 /// need only this trait. A mixture of several networks' outputs is also a motion model.
@@ -38,7 +39,7 @@ pub trait MotionModel: Send + Sync {
     /// *Shapes*: (selected).
     /// *Errors*: an encoding of another network.
     fn relative_log_probs(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
-        Ok(self.log_probs(encoding)?.index_select(&indices(modes)?, 0)?)
+        Ok(of_modes(&self.log_probs(encoding)?, modes)?)
     }
 
     /// End point of each mode, metres, target frame. Non-maximum suppression compares these points.
@@ -73,7 +74,7 @@ pub trait MotionModel: Send + Sync {
         modes: &[usize],
         _points: &Tensor,
     ) -> Result<Tensor, Error> {
-        Ok(log_probs.index_select(&indices(modes)?, 0)?)
+        Ok(of_modes(log_probs, modes)?)
     }
 }
 
@@ -99,17 +100,28 @@ pub trait MotionModel: Send + Sync {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait Backbone: MotionModel {
+    /// Its name, options and parameters.
+    fn definition(&self) -> &Definition;
+
     /// Name in the registry.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &'static str {
+        self.definition().name
+    }
 
     /// Its options, as given to the registry.
-    fn options(&self) -> &Value;
+    fn options(&self) -> &Value {
+        &self.definition().options
+    }
 
     /// Names, shapes and initial values of its parameters, sorted by name.
-    fn parameter_specs(&self) -> &[ParameterSpec];
+    fn parameter_specs(&self) -> &[ParameterSpec] {
+        &self.definition().specs
+    }
 
     /// Its parameters.
-    fn parameters(&self) -> &Parameters;
+    fn parameters(&self) -> &Parameters {
+        &self.definition().parameters
+    }
 
     /// The same network with other parameters, which must fit [`Backbone::parameter_specs`].
     ///
@@ -140,6 +152,11 @@ pub trait Backbone: MotionModel {
     /// *Errors*: [`Error::Tensor`] for features of another network.
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error>;
 
+    /// What its experts share with their prior.
+    fn shared(&self) -> Shared {
+        Shared::Trajectories
+    }
+
     /// Its training interface; `None` if it has no parameters to train.
     fn trainable(&self) -> Option<&dyn Trainable> {
         None
@@ -164,10 +181,21 @@ pub trait Backbone: MotionModel {
     }
 }
 
+/// What the experts of a network share with their prior: what depends on [`ParameterGroup::Prior`] alone, so that
+/// it stays valid when fine-tuning or λ changes the other parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Shared {
+    /// Nothing: each expert encodes the features for itself.
+    Nothing,
+    /// Encodings. Each expert has modes of its own, as many as the prior.
+    Encodings,
+    /// Encodings, mode ends and trajectories: experts differ in probabilities alone.
+    Trajectories,
+}
+
 /// A backbone with a training loss.
 ///
-/// Law, tested for every backbone: encodings, mode ends and trajectories depend on [`ParameterGroup::Prior`]
-/// alone. They stay valid when fine-tuning or λ changes the other parameters.
+/// Law, tested for every backbone of this crate: what [`Backbone::shared`] says depends on [`ParameterGroup::Prior`] alone.
 pub trait Trainable: Backbone {
     /// Group of a parameter.
     fn group_of(&self, name: &str) -> ParameterGroup;
@@ -187,10 +215,37 @@ pub trait Trainable: Backbone {
         None
     }
 
-    /// The loss that pretraining minimises.
+    /// The loss that pretraining minimises. Random numbers, such as noise, come from `rng`, which is that of the sample
+    /// in its epoch and step, so that the same seed gives the same bits, also after an interruption.
     ///
     /// *Errors*: features of another network.
-    fn loss(&self, sample: &Sample) -> Result<Loss, Error>;
+    fn loss(&self, sample: &Sample, rng: &mut Rng) -> Result<Loss, Error>;
+
+    /// What preference tuning compares trajectories by; `None` for the log-probabilities of modes, whose trajectories are the
+    /// prior's.
+    fn trajectory_likelihood(&self) -> Option<&dyn TrajectoryLikelihood> {
+        None
+    }
+}
+
+/// How likely a network holds given trajectories: what preference tuning changes in a network whose experts have trajectories of
+/// their own.
+///
+/// Its loss is `−ln σ(kl_beta · ((l(better) − l(worse)) − (l_ref(better) − l_ref(worse))))`, with l of the network and l_ref of the
+/// frozen prior; the trajectories are drawn from the prior.
+pub trait TrajectoryLikelihood {
+    /// Log-likelihoods of trajectories up to a constant that all share, or what stands for them, such as the negative errors of
+    /// denoising. For the better and the worse trajectories of the same pairs, and for network and prior, `rng` begins alike:
+    /// noise that is drawn from it is the same.
+    ///
+    /// *Shapes*: `trajectories` (n, 80, 2), metres, target frame; result (n).
+    /// *Errors*: an encoding of another network.
+    fn log_likelihoods(
+        &self,
+        encoding: &Encoding,
+        trajectories: &Tensor,
+        rng: &mut Rng,
+    ) -> Result<Tensor, Error>;
 }
 
 /// A training sample: features and recorded future of one target.
@@ -217,23 +272,28 @@ impl Loss {
     ///
     /// *Errors*: [`Error::Tensor`] if a term is not a scalar.
     pub fn of(parts: Vec<(&'static str, Tensor)>) -> Result<Self, Error> {
-        let mut total = Tensor::zeros((), parts.first().map_or(DType::F32, |p| p.1.dtype()), &Device::Cpu)?;
+        let mut total: Option<Tensor> = None;
         let mut values = Vec::with_capacity(parts.len());
         for (name, part) in parts {
             values.push((name, part.to_dtype(DType::F64)?.to_scalar::<f64>()?));
-            total = (total + part)?;
+            total = Some(match total {
+                Some(total) => (total + part)?,
+                None => (part.zeros_like()? + part)?,
+            });
         }
-        Ok(Self { total, parts: values })
+        match total {
+            Some(total) => Ok(Self { total, parts: values }),
+            None => Err(Error::NothingToTrain("a loss without terms".to_owned())),
+        }
     }
 }
 
-/// Modes as a tensor of indices.
+/// The rows of some modes.
 ///
-/// *Errors*: none on a CPU.
-pub fn indices(modes: &[usize]) -> candle_core::Result<Tensor> {
-    let modes: Vec<u32> = modes.iter().map(|&mode| mode as u32).collect();
-    let count = modes.len();
-    Tensor::from_vec(modes, count, &Device::Cpu)
+/// *Shapes*: `x` (modes, …); result (selected, …).
+/// *Errors*: a mode that there is not.
+pub fn of_modes(x: &Tensor, modes: &[usize]) -> candle_core::Result<Tensor> {
+    x.index_select(&Tensor::from_iter(modes.iter().map(|&mode| mode as u32), x.device())?, 0)
 }
 
 /// Log-probabilities as numbers of 32 or 64 bits.
@@ -249,14 +309,6 @@ pub fn finite<T: candle_core::WithDType + Into<f64>>(log_probs: &Tensor) -> Resu
         ))),
         None => Ok(values),
     }
-}
-
-/// A table as a tensor.
-///
-/// *Shapes*: (rows, columns).
-/// *Errors*: none on a CPU.
-pub fn tensor(table: &Table, dtype: DType) -> candle_core::Result<Tensor> {
-    Tensor::from_slice(&table.values, (table.rows(), table.columns), &Device::Cpu)?.to_dtype(dtype)
 }
 
 /// Trajectories converted from the target frame to the world frame.

@@ -8,21 +8,20 @@ mod scorer;
 
 use std::sync::Arc;
 
-use candle_core::{DType, Tensor};
-use sage_core::{generator::Observation, geometry::Point, registry::Entry};
+use candle_core::Tensor;
+use sage_core::{generator::Observation, geometry::Point, registry::Entry, seed::Rng};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Loss, MotionModel, ParameterGroup, Sample, Trainable, indices, tensor},
+    backbone::{Backbone, Definition, Loss, MotionModel, ParameterGroup, Sample, Trainable, of_modes},
     encoder::{Encoder, check_size},
     encoding::Encoding,
     features::{EdgeKinds, EgoForecast, Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
     interaction_head::{InteractionHead, describe},
     labels,
     nn::log_softmax,
-    parameters::{ParameterSpec, Scope},
+    parameters::Scope,
 };
 use head::Head;
 use scorer::Scorer;
@@ -74,34 +73,25 @@ pub struct CatOptions {
 
 /// The network, in either arrangement.
 pub struct DenseTnt {
-    name: &'static str,
-    options: Value,
+    definition: Definition,
     shape: Shape,
-    specs: Arc<[ParameterSpec]>,
-    parameters: Parameters,
-    dtype: DType,
     encoder: Encoder,
     scorer: Scorer,
     head: Head,
 }
 
 impl DenseTnt {
-    fn untrained(name: &'static str, options: Value, shape: Shape, seed: u64) -> Result<Self, Error> {
-        let specs = Scope::list(|scope| Parts::new(scope, &shape))?;
-        let parameters = Parameters::start(&specs, seed)?;
-        Self::build(name, options, shape, specs.into(), parameters)
+    fn untrained<N: Entry<dyn Backbone>>(
+        options: &N::Options,
+        shape: Shape,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        Self::over(Definition::of::<N, _>(options, seed, |scope| Parts::new(scope, &shape))?, shape)
     }
 
-    fn build(
-        name: &'static str,
-        options: Value,
-        shape: Shape,
-        specs: Arc<[ParameterSpec]>,
-        parameters: Parameters,
-    ) -> Result<Self, Error> {
-        let Parts { encoder, scorer, head } = Parts::new(&Scope::of(&parameters), &shape)?;
-        let dtype = parameters.iter().next().map_or(DType::F32, |(_, tensor)| tensor.dtype());
-        Ok(Self { name, options, shape, specs, parameters, dtype, encoder, scorer, head })
+    fn over(definition: Definition, shape: Shape) -> Result<Self, Error> {
+        let Parts { encoder, scorer, head } = Parts::new(&definition.scope(), &shape)?;
+        Ok(Self { definition, shape, encoder, scorer, head })
     }
 
     fn is_published(&self) -> bool {
@@ -114,9 +104,9 @@ impl DenseTnt {
     ///
     /// *Errors*: [`Error::Tensor`] for features of another network.
     pub fn encode_padded(&self, features: &Arc<Features>, padding_keys: usize) -> Result<Encoding, Error> {
-        let vectors = tensor(&features.vectors, self.dtype)?;
+        let vectors = self.definition.tensor(&features.vectors)?;
         let encoded = self.encoder.forward(&vectors, &features.groups, features.agents, padding_keys)?;
-        let goals = tensor(&features.goal_features, self.dtype)?;
+        let goals = self.definition.tensor(&features.goal_features)?;
         Ok(Encoding::new(
             self.tag(),
             features.clone(),
@@ -131,9 +121,7 @@ impl DenseTnt {
     fn raw_scores(&self, encoding: &Encoding, modes: Option<&[usize]>) -> Result<Tensor, Error> {
         let [elements, target, goals] = encoding.states_of(self.tag())?;
         Ok(match modes {
-            Some(modes) => {
-                self.scorer.forward(&goals.index_select(&indices(modes)?, 0)?, elements, target)?
-            }
+            Some(modes) => self.scorer.forward(&of_modes(goals, modes)?, elements, target)?,
             None => self.scorer.forward(goals, elements, target)?,
         })
     }
@@ -191,25 +179,12 @@ impl Parts {
 }
 
 impl Backbone for DenseTnt {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn options(&self) -> &Value {
-        &self.options
-    }
-
-    fn parameter_specs(&self) -> &[ParameterSpec] {
-        &self.specs
-    }
-
-    fn parameters(&self) -> &Parameters {
-        &self.parameters
+    fn definition(&self) -> &Definition {
+        &self.definition
     }
 
     fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
-        let specs = self.specs.clone();
-        Ok(Box::new(Self::build(self.name, self.options.clone(), self.shape, specs, parameters)?))
+        Ok(Box::new(Self::over(self.definition.with(parameters), self.shape)?))
     }
 
     fn features(
@@ -263,14 +238,14 @@ impl Trainable for DenseTnt {
         (!self.is_published()).then(|| features.mirrored())
     }
 
-    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
+    fn loss(&self, sample: &Sample, _: &mut Rng) -> Result<Loss, Error> {
         let features = &sample.features;
         let encoding = self.encode(features.clone())?;
         let log_probs = log_softmax(&self.raw_scores(&encoding, None)?)?;
         let end = labels::end(&sample.future, &sample.valid);
         let (weights, trajectory) = match &features.label {
             Some((label, row)) if !self.is_published() => {
-                let row = tensor(row, self.dtype)?;
+                let row = self.definition.tensor(row)?;
                 (labels::soft(&features.goals, end), self.decode(&encoding, &row, &[*label], 1)?)
             }
             _ => {
@@ -298,7 +273,7 @@ impl MotionModel for DenseTnt {
     fn relative_log_probs(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let scores = self.raw_scores(encoding, Some(modes))?;
         if let Some((head, rows)) = self.interaction(encoding)? {
-            return Ok((scores + head.forward(&rows.index_select(&indices(modes)?, 0)?)?)?);
+            return Ok((scores + head.forward(&of_modes(rows, modes)?)?)?);
         }
         Ok(scores)
     }
@@ -313,7 +288,7 @@ impl MotionModel for DenseTnt {
         if let Some((head, rows)) = self.interaction(encoding)? {
             return Ok(head.along(log_probs, modes, rows, points, encoding.features())?);
         }
-        Ok(log_probs.index_select(&indices(modes)?, 0)?)
+        Ok(of_modes(log_probs, modes)?)
     }
 
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
@@ -322,7 +297,7 @@ impl MotionModel for DenseTnt {
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let [_, _, goals] = encoding.states_of(self.tag())?;
-        let rows = goals.index_select(&indices(modes)?, 0)?;
+        let rows = of_modes(goals, modes)?;
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| encoding.features().goals[mode]).collect();
         self.decode(encoding, &rows, &ends, 1)
     }
@@ -346,9 +321,7 @@ impl Entry<dyn Backbone> for DenseTnt {
             interaction: true,
             edges,
         };
-        let json = serde_json::to_value(&options).map_err(|e| e.to_string())?;
-        let network = Self::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, seed);
-        Ok(Box::new(network.map_err(|e| e.to_string())?))
+        Ok(Box::new(Self::untrained::<Self>(&options, shape, seed)?))
     }
 }
 
@@ -369,8 +342,7 @@ impl Cat {
             interaction: false,
             edges: EdgeKinds::default(),
         };
-        let json = serde_json::to_value(options).unwrap_or_default();
-        DenseTnt::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, options.seed)
+        DenseTnt::untrained::<Self>(options, shape, options.seed)
     }
 
     /// The network with weights of the published names and shapes; `what` names their source.
@@ -378,11 +350,11 @@ impl Cat {
     /// *Errors*: [`Error::Weights`] with every missing, extra and misshapen tensor.
     pub fn with_weights(weights: Parameters, what: &str) -> Result<DenseTnt, Error> {
         let untrained = Self::untrained(&CatOptions::default())?;
-        let problems = weights.mismatches(&untrained.specs);
+        let problems = weights.mismatches(&untrained.definition.specs);
         if !problems.is_empty() {
             return Err(Error::Weights { what: what.to_owned(), problems });
         }
-        DenseTnt::build(untrained.name, untrained.options, untrained.shape, untrained.specs, weights)
+        DenseTnt::over(untrained.definition.with(weights), untrained.shape)
     }
 }
 
@@ -393,6 +365,6 @@ impl Entry<dyn Backbone> for Cat {
     type Options = CatOptions;
 
     fn build(options: CatOptions) -> Result<Box<dyn Backbone>, String> {
-        Ok(Box::new(Self::untrained(&options).map_err(|e| e.to_string())?))
+        Ok(Box::new(Self::untrained(&options)?))
     }
 }

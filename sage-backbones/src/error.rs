@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// An error of `sage-backbones`.
+/// An error of `sage-backbones`. As a `String` it is what `Entry::build` of the registry returns.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -75,6 +75,12 @@ pub enum Error {
 impl From<candle_core::Error> for Error {
     fn from(error: candle_core::Error) -> Self {
         Self::Tensor(error)
+    }
+}
+
+impl From<Error> for String {
+    fn from(error: Error) -> Self {
+        error.to_string()
     }
 }
 

@@ -10,7 +10,7 @@ mod trajectory_batch;
 use candle_core::{DType, Module, Result, Tensor};
 
 use crate::{
-    backbone::indices,
+    backbone::of_modes,
     features::Features,
     nn::{Linear, Mlp},
     parameters::Scope,
@@ -67,10 +67,9 @@ impl InteractionHead {
         points: &Tensor,
         features: &Features,
     ) -> Result<Tensor> {
-        let index = indices(modes)?;
-        let log_probs = log_probs.index_select(&index, 0)?;
+        let log_probs = of_modes(log_probs, modes)?;
         let Some(rows) = describe(points, features)? else { return Ok(log_probs) };
-        let own = self.forward(&described.index_select(&index, 0)?)?;
+        let own = self.forward(&of_modes(described, modes)?)?;
         (log_probs - own)? + self.forward(&rows)?
     }
 }

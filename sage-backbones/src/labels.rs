@@ -1,6 +1,6 @@
 //! Training labels from recorded futures: weights of goals and errors of trajectories.
 
-use candle_core::{Device, Tensor};
+use candle_core::Tensor;
 use sage_core::motion::{DT, HORIZON};
 
 use crate::{Error, backbone::Sample};
@@ -68,7 +68,8 @@ pub fn nearest(goals: &[[f32; 2]], position: [f32; 2]) -> usize {
 /// *Shapes*: `log_probs` and `weights` (modes); result a scalar.
 /// *Errors*: [`Error::Tensor`] for other shapes.
 pub fn cross_entropy(log_probs: &Tensor, weights: &[f32]) -> Result<Tensor, Error> {
-    let weights = Tensor::from_slice(weights, weights.len(), &Device::Cpu)?.to_dtype(log_probs.dtype())?;
+    let weights =
+        Tensor::from_slice(weights, weights.len(), log_probs.device())?.to_dtype(log_probs.dtype())?;
     Ok((log_probs * weights)?.sum_all()?.neg()?)
 }
 
@@ -90,7 +91,7 @@ pub fn smooth_l1(trajectory: &Tensor, sample: &Sample) -> Result<Tensor, Error> 
         }
     }
     let constant =
-        |values: Vec<f64>| Tensor::from_vec(values, (1, HORIZON, 2), &Device::Cpu)?.to_dtype(dtype);
+        |values: Vec<f64>| Tensor::from_vec(values, (1, HORIZON, 2), trajectory.device())?.to_dtype(dtype);
     let error = (trajectory - constant(future)?)?.abs()?;
     let clipped = error.clamp(0.0, 1.0)?;
     // 0.5 n² + (e − n) with n = min(e, 1).

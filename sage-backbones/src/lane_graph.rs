@@ -13,15 +13,13 @@ use sage_core::{
     registry::Entry,
 };
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, MotionModel},
+    backbone::{Backbone, Definition, MotionModel},
     encoding::Encoding,
     features::{Features, GoalColumn},
     nn::log_softmax,
-    parameters::ParameterSpec,
 };
 
 /// Options of [`LaneGraph`].
@@ -47,8 +45,7 @@ impl Default for LaneGraphOptions {
 /// The lane-graph prior.
 pub struct LaneGraph {
     options: LaneGraphOptions,
-    json: Value,
-    parameters: Parameters,
+    definition: Definition,
 }
 
 impl LaneGraph {
@@ -70,24 +67,12 @@ impl LaneGraph {
 }
 
 impl Backbone for LaneGraph {
-    fn name(&self) -> &'static str {
-        <Self as Entry<dyn Backbone>>::NAME
-    }
-
-    fn options(&self) -> &Value {
-        &self.json
-    }
-
-    fn parameter_specs(&self) -> &[ParameterSpec] {
-        &[]
-    }
-
-    fn parameters(&self) -> &Parameters {
-        &self.parameters
+    fn definition(&self) -> &Definition {
+        &self.definition
     }
 
     fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
-        Ok(Box::new(Self { options: self.options.clone(), json: self.json.clone(), parameters }))
+        Ok(Box::new(Self { options: self.options.clone(), definition: self.definition.with(parameters) }))
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
@@ -131,8 +116,8 @@ impl Entry<dyn Backbone> for LaneGraph {
         if !(options.acceleration > 0.0) {
             return Err(format!("`acceleration` is {}; expected a positive number", options.acceleration));
         }
-        let json = serde_json::to_value(&options).map_err(|e| e.to_string())?;
-        Ok(Box::new(Self { options, json, parameters: Parameters::default() }))
+        let definition = Definition::of::<Self, _>(&options, 0, |_| Ok(()))?;
+        Ok(Box::new(Self { options, definition }))
     }
 }
 

@@ -29,7 +29,10 @@
 
 pub mod backbone;
 pub mod candidates;
+mod definition;
 pub mod densetnt;
+pub mod device;
+pub mod diffusion;
 mod encoder;
 pub mod encoding;
 mod error;
@@ -53,11 +56,14 @@ pub mod weights;
 pub use backbone::{Backbone, MotionModel, Trainable};
 /// The tensor library, in the version that the layers of this crate use.
 pub use candle_core as candle;
+/// Ready layers, which take their tensors from [`parameters::Scope::var_builder`].
+pub use candle_nn;
 pub use error::Error;
 pub use own_encoder::OwnEncoder;
 pub use parameters::Parameters;
 
 use densetnt::{Cat, DenseTnt};
+use diffusion::Diffusion;
 use lane_graph::LaneGraph;
 use query_transformer::QueryTransformer;
 use sage_core::registry::Registry;
@@ -69,6 +75,7 @@ pub fn backbones() -> Result<Registry<dyn Backbone>, sage_core::Error> {
     Registry::new("backbone")
         .with::<DenseTnt>()?
         .with::<QueryTransformer>()?
+        .with::<Diffusion>()?
         .with::<LaneGraph>()?
         .with::<Cat>()
 }

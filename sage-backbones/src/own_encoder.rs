@@ -1,35 +1,42 @@
-//! A tuned network whose encoder was tuned too.
+//! Tuned networks that encode for themselves.
 
 use std::sync::Arc;
 
-use candle_core::{Device, Tensor};
+use candle_core::Tensor;
 
 use crate::{
     Backbone, Error, MotionModel,
     encoding::{Encoding, ModelId},
-    features::{FORECAST_STEPS, STRIDE},
+    features::STRIDE,
     interaction_head::describe,
+    smooth_path,
 };
 
-/// A network that scores the prior's modes by its own encoding. Ends and trajectories of the modes are the
-/// prior's, so preference tuning changes what is likely, never what a mode looks like.
-///
-/// Its methods take encodings of the prior, as those of a network whose encoder was not tuned. It encodes the
-/// features again, once per encoding.
+/// A network that encodes the features of the prior's encodings for itself, once each: its methods take encodings of the prior, as
+/// those of a network whose encoder was not tuned.
 pub struct OwnEncoder {
     id: ModelId,
     network: Box<dyn Backbone>,
-    prior: Arc<dyn Backbone>,
+    modes_of: Option<Arc<dyn Backbone>>,
 }
 
 impl OwnEncoder {
-    /// The prior's modes, scored by a network of the same name and options.
-    pub fn new(network: Box<dyn Backbone>, prior: Arc<dyn Backbone>) -> Self {
-        Self { id: ModelId::unique(), network, prior }
+    /// The prior's modes, scored by a network of the same name and options. Ends and trajectories are the prior's, so preference
+    /// tuning changes what is likely, never what a mode looks like.
+    pub fn scoring(network: Box<dyn Backbone>, prior: Arc<dyn Backbone>) -> Self {
+        Self { id: ModelId::unique(), network, modes_of: Some(prior) }
+    }
+
+    /// A network with modes of its own, which shares nothing with its prior ([`crate::backbone::Shared::Nothing`]).
+    pub fn with_own_modes(network: Box<dyn Backbone>) -> Self {
+        Self { id: ModelId::unique(), network, modes_of: None }
     }
 
     fn own(&self, shared: &Encoding) -> Result<Arc<Encoding>, Error> {
-        shared.keep(self.id, || reencode(&*self.network, &*self.prior, shared))
+        shared.keep(self.id, || match &self.modes_of {
+            Some(prior) => reencode(&*self.network, &**prior, shared),
+            None => self.network.encode(shared.shared_features()),
+        })
     }
 }
 
@@ -51,9 +58,7 @@ pub(crate) fn reencode(
 /// Inputs of the interaction head for the prior's trajectories of all modes.
 fn described(prior: &dyn Backbone, encoding: &Encoding) -> Result<Option<Tensor>, Error> {
     let modes: Vec<usize> = (0..prior.mode_ends(encoding)?.len()).collect();
-    let every: Vec<u32> = (1..=FORECAST_STEPS).map(|step| (step * STRIDE - 1) as u32).collect();
-    let every = Tensor::from_vec(every, FORECAST_STEPS, &Device::Cpu)?;
-    let points = prior.trajectories(encoding, &modes)?.index_select(&every, 1)?.contiguous()?;
+    let points = smooth_path::every(&prior.trajectories(encoding, &modes)?, STRIDE)?.contiguous()?;
     Ok(describe(&points, encoding.features())?)
 }
 
@@ -67,11 +72,17 @@ impl MotionModel for OwnEncoder {
     }
 
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
-        self.prior.mode_ends(encoding)
+        match &self.modes_of {
+            Some(prior) => prior.mode_ends(encoding),
+            None => self.network.mode_ends(&*self.own(encoding)?),
+        }
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
-        self.prior.trajectories(encoding, modes)
+        match &self.modes_of {
+            Some(prior) => prior.trajectories(encoding, modes),
+            None => self.network.trajectories(&*self.own(encoding)?, modes),
+        }
     }
 
     fn log_probs_along(

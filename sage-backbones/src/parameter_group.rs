@@ -3,9 +3,9 @@
 /// Group of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParameterGroup {
-    /// Encoder and trajectory decoder. Pretraining changes it; fine-tuning does not.
+    /// What experts share with their prior, such as encoder and trajectory decoder. Pretraining changes it; fine-tuning does not.
     Prior,
-    /// Scores of modes. Pretraining and fine-tuning change it.
+    /// Scores of modes, or what draws them. Pretraining and fine-tuning change it.
     Scoring,
     /// The interaction head. Its output is zero in the prior; only fine-tuning changes it.
     Interaction,

@@ -7,7 +7,7 @@ mod scope;
 
 use std::collections::BTreeMap;
 
-use candle_core::{DType, Tensor, Var};
+use candle_core::{DType, Device, Tensor, Var};
 
 use crate::Error;
 
@@ -64,6 +64,25 @@ impl Parameters {
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
+    }
+
+    /// Number type of the tensors, `f32` if there is none.
+    pub fn dtype(&self) -> DType {
+        self.0.values().next().map_or(DType::F32, Tensor::dtype)
+    }
+
+    /// Where the tensors are, the CPU if there is none.
+    pub fn device(&self) -> &Device {
+        self.0.values().next().map_or(&Device::Cpu, Tensor::device)
+    }
+
+    /// Copies on another device, without gradients to the originals.
+    ///
+    /// *Errors*: those of the device.
+    pub fn to_device(&self, device: &Device) -> Result<Self, Error> {
+        let copy =
+            |(name, tensor): (&str, &Tensor)| Ok((name.to_owned(), tensor.detach().to_device(device)?));
+        Ok(Self(self.iter().map(copy).collect::<candle_core::Result<_>>()?))
     }
 
     /// Number of elements of all tensors.

@@ -7,14 +7,13 @@
 
 use std::sync::Arc;
 
-use candle_core::{DType, Device, Module, Tensor};
-use sage_core::{generator::Observation, motion::HORIZON, registry::Entry};
+use candle_core::{DType, Module, Tensor};
+use sage_core::{generator::Observation, motion::HORIZON, registry::Entry, seed::Rng};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Loss, MotionModel, ParameterGroup, Sample, Trainable, indices, tensor},
+    backbone::{Backbone, Definition, Loss, MotionModel, ParameterGroup, Sample, Trainable, of_modes},
     candidates::suppressed,
     encoder::{Encoder, check_size},
     encoding::Encoding,
@@ -22,7 +21,7 @@ use crate::{
     interaction_head::{self, InteractionHead},
     labels,
     nn::{Attention, Linear, Mlp, log_softmax},
-    parameters::{ParameterSpec, Scope},
+    parameters::Scope,
     smooth_path,
 };
 
@@ -55,11 +54,8 @@ impl Default for QueryTransformerOptions {
 
 /// The query transformer.
 pub struct QueryTransformer {
-    options: Value,
+    definition: Definition,
     shape: QueryTransformerOptions,
-    specs: Arc<[ParameterSpec]>,
-    parameters: Parameters,
-    dtype: DType,
     parts: Parts,
 }
 
@@ -106,15 +102,9 @@ impl Parts {
 }
 
 impl QueryTransformer {
-    fn build(
-        options: Value,
-        shape: QueryTransformerOptions,
-        specs: Arc<[ParameterSpec]>,
-        parameters: Parameters,
-    ) -> Result<Self, Error> {
-        let parts = Parts::new(&Scope::of(&parameters), &shape)?;
-        let dtype = parameters.iter().next().map_or(DType::F32, |(_, tensor)| tensor.dtype());
-        Ok(Self { options, shape, specs, parameters, dtype, parts })
+    fn over(definition: Definition, shape: QueryTransformerOptions) -> Result<Self, Error> {
+        let parts = Parts::new(&definition.scope(), &shape)?;
+        Ok(Self { definition, shape, parts })
     }
 
     /// The three states of an encoding: queries, the target, trajectories of all modes.
@@ -140,10 +130,6 @@ impl QueryTransformer {
         })
     }
 
-    fn constant(&self, values: Vec<f64>, shape: (usize, usize)) -> candle_core::Result<Tensor> {
-        Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(self.dtype)
-    }
-
     /// Trajectories to the anchors, changed and shifted by the network's outputs.
     ///
     /// *Shapes*: (queries, 80, 2).
@@ -156,32 +142,19 @@ impl QueryTransformer {
         let ends: Vec<[f32; 2]> = anchors.iter().map(|&goal| features.goals[goal]).collect();
         let n = ends.len();
         let to_anchors = smooth_path::paths(&self.parts.path.forward(queries)?, &ends, features.velocity[0])?;
-        let shift = self.constant(smooth_path::end_shift(), (1, HORIZON))?;
+        let shift = self.definition.constant(&smooth_path::end_shift()[..], (1, HORIZON))?;
         let moved = (self.parts.end.forward(queries)? * UNIT)?.reshape((2 * n, 1))?.matmul(&shift)?;
         to_anchors + moved.reshape((n, 2, HORIZON))?.transpose(1, 2)?
     }
 }
 
 impl Backbone for QueryTransformer {
-    fn name(&self) -> &'static str {
-        <Self as Entry<dyn Backbone>>::NAME
-    }
-
-    fn options(&self) -> &Value {
-        &self.options
-    }
-
-    fn parameter_specs(&self) -> &[ParameterSpec] {
-        &self.specs
-    }
-
-    fn parameters(&self) -> &Parameters {
-        &self.parameters
+    fn definition(&self) -> &Definition {
+        &self.definition
     }
 
     fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
-        let (options, specs) = (self.options.clone(), self.specs.clone());
-        Ok(Box::new(Self::build(options, self.shape.clone(), specs, parameters)?))
+        Ok(Box::new(Self::over(self.definition.with(parameters), self.shape.clone())?))
     }
 
     fn features(
@@ -194,13 +167,13 @@ impl Backbone for QueryTransformer {
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        let vectors = tensor(&features.vectors, self.dtype)?;
+        let vectors = self.definition.tensor(&features.vectors)?;
         let encoded = self.parts.encoder.forward(&vectors, &features.groups, features.agents, 0)?;
         let anchors = anchors(&features);
         let rows: Vec<f32> =
             anchors.iter().flat_map(|&goal| features.goal_features.row(goal)).copied().collect();
         let rows = Table { columns: GOAL_COLUMNS, values: rows };
-        let mut queries = self.parts.anchor.forward(&tensor(&rows, self.dtype)?)?;
+        let mut queries = self.parts.anchor.forward(&self.definition.tensor(&rows)?)?;
         for layer in &self.parts.layers {
             let scene = layer.scene.forward(&queries, &encoded.elements)?;
             let others = layer.queries.forward(&queries, &queries)?;
@@ -238,7 +211,7 @@ impl Trainable for QueryTransformer {
         Some(features.mirrored())
     }
 
-    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
+    fn loss(&self, sample: &Sample, _: &mut Rng) -> Result<Loss, Error> {
         let encoding = self.encode(sample.features.clone())?;
         let [queries, target, trajectories] = self.states(&encoding)?;
         let end = labels::end(&sample.future, &sample.valid);
@@ -282,7 +255,7 @@ impl MotionModel for QueryTransformer {
         {
             return Ok(self.parts.interaction.along(log_probs, modes, rows, points, encoding.features())?);
         }
-        Ok(log_probs.index_select(&indices(modes)?, 0)?)
+        Ok(of_modes(log_probs, modes)?)
     }
 
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
@@ -294,7 +267,7 @@ impl MotionModel for QueryTransformer {
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let [.., trajectories] = self.states(encoding)?;
-        Ok(trajectories.index_select(&indices(modes)?, 0)?)
+        Ok(of_modes(trajectories, modes)?)
     }
 }
 
@@ -311,13 +284,8 @@ impl Entry<dyn Backbone> for QueryTransformer {
         if !(1..=16).contains(&layers) {
             return Err(format!("`layers` is {layers}; expected 1 to 16"));
         }
-        let build = || {
-            let specs = Scope::list(|scope| Parts::new(scope, &options))?;
-            let parameters = Parameters::start(&specs, seed)?;
-            let json = serde_json::to_value(&options).unwrap_or_default();
-            Self::build(json, options.clone(), specs.into(), parameters)
-        };
-        Ok(Box::new(build().map_err(|e| e.to_string())?))
+        let definition = Definition::of::<Self, _>(&options, seed, |scope| Parts::new(scope, &options))?;
+        Ok(Box::new(Self::over(definition, options)?))
     }
 }
 

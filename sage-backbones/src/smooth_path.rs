@@ -6,7 +6,7 @@
 
 use std::sync::LazyLock;
 
-use candle_core::{Device, Result, Tensor};
+use candle_core::{Result, Tensor};
 use sage_core::motion::{DT, HORIZON};
 
 /// Coefficients of the velocity along one axis.
@@ -35,7 +35,7 @@ pub fn paths(changes: &Tensor, ends: &[[f32; 2]], speed: f32) -> Result<Tensor> 
 pub fn places(changes: &Tensor, ends: &[[f32; 2]], speed: f32, stride: usize) -> Result<Tensor> {
     let (n, dtype, steps) = (ends.len(), changes.dtype(), HORIZON / stride);
     let constant = |values: Vec<f64>, shape: (usize, usize)| {
-        Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(dtype)
+        Tensor::from_vec(values, shape, changes.device())?.to_dtype(dtype)
     };
     let mut base = Vec::with_capacity(n * 2 * COEFFICIENTS);
     // Lattice goals are sorted by x. Goals with the same x share one ramp along x.
@@ -59,7 +59,7 @@ pub fn places(changes: &Tensor, ends: &[[f32; 2]], speed: f32, stride: usize) ->
 pub fn every(trajectories: &Tensor, stride: usize) -> Result<Tensor> {
     let steps: Vec<u32> = (0..HORIZON as u32).skip(stride - 1).step_by(stride).collect();
     let count = steps.len();
-    trajectories.index_select(&Tensor::from_vec(steps, count, &Device::Cpu)?, 1)
+    trajectories.index_select(&Tensor::from_vec(steps, count, trajectories.device())?, 1)
 }
 
 /// Velocity coefficients of a plain ramp along one axis, from a start speed to an end position. The velocity
@@ -148,6 +148,8 @@ pub fn end_shift() -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
+    use candle_core::Device;
+
     use super::*;
     use candle_core::DType;
 

@@ -10,7 +10,7 @@ use candle_core::{DType, Device, Tensor};
 use insta::assert_snapshot;
 use sage_backbones::{
     Backbone, Parameters,
-    backbone::{ParameterGroup, trajectories_in_world},
+    backbone::{ParameterGroup, Shared, trajectories_in_world},
     candidates::Sampling,
     parameters::Header,
     prediction::propose,
@@ -25,7 +25,7 @@ use sage_data::procedural::Kind;
 
 use fixtures::{all, features, network, scene};
 
-const LEARNED: [&str; 3] = ["densetnt", "query-transformer", "densetnt-cat"];
+const LEARNED: [&str; 4] = ["densetnt", "query-transformer", "diffusion", "densetnt-cat"];
 
 fn numbers(tensor: &Tensor) -> Vec<f64> {
     tensor.to_dtype(DType::F64).unwrap().flatten_all().unwrap().to_vec1().unwrap()
@@ -77,7 +77,13 @@ fn every_parameter_that_pretraining_changes_gets_a_gradient_and_no_other_does() 
             let data = scene(kind);
             let sample =
                 recorded_sample(&data, data.scene.adversary.unwrap(), trainable(&*traced).unwrap()).unwrap();
-            let store = trainable(&*traced).unwrap().loss(&sample).unwrap().total.backward().unwrap();
+            let store = trainable(&*traced)
+                .unwrap()
+                .loss(&sample, &mut Rng::new(0, "", "loss"))
+                .unwrap()
+                .total
+                .backward()
+                .unwrap();
             for (slot, (name, variable)) in variables.iter().enumerate() {
                 let group = network.parameter_group(name);
                 match store.get(variable).map(numbers) {
@@ -140,9 +146,10 @@ fn fine_tuned_parameters_get_a_gradient_and_the_interaction_head_starts_at_zero(
 }
 
 #[test]
-fn encodings_and_trajectories_do_not_depend_on_fine_tuned_parameters() {
+fn what_experts_share_does_not_depend_on_fine_tuned_parameters() {
     let data = scene(Kind::FourWay);
     for network in all() {
+        let is_shared = network.shared() == Shared::Trajectories;
         let changed = noisy(&*network, DType::F32);
         let tuned = network.parameters().iter().map(|(name, own)| {
             let is_tuned = network.parameter_group(name).is_finetuned();
@@ -154,13 +161,14 @@ fn encodings_and_trajectories_do_not_depend_on_fine_tuned_parameters() {
         for (a, b) in own.states().iter().zip(other.states()) {
             assert_eq!(numbers(a), numbers(b), "{}: states", network.name());
         }
-        assert_eq!(network.mode_ends(&own).unwrap(), tuned.mode_ends(&own).unwrap());
+        let [a, b] = [&network, &tuned].map(|model| model.mode_ends(&own).unwrap());
+        assert_eq!(a == b, is_shared, "{}: ends", network.name());
         let [a, b] = [&network, &tuned].map(|model| model.trajectories(&own, &[0, 5, 9]).unwrap());
-        assert_eq!(numbers(&a), numbers(&b), "{}: trajectories", network.name());
+        assert_eq!(numbers(&a) == numbers(&b), is_shared, "{}: trajectories", network.name());
         // Each network can read the other's encoding. The scores do change, so the test is not trivial.
         let [a, b] = [&own, &other].map(|encoding| numbers(&tuned.log_probs(encoding).unwrap()));
         assert_eq!(a, b);
-        if !network.parameter_specs().is_empty() {
+        if is_shared && !network.parameter_specs().is_empty() {
             assert_ne!(a, numbers(&network.log_probs(&own).unwrap()), "{}", network.name());
         }
     }
@@ -169,14 +177,14 @@ fn encodings_and_trajectories_do_not_depend_on_fine_tuned_parameters() {
 #[test]
 fn gradients_agree_with_finite_differences_in_double_precision() {
     let data = scene(Kind::TJunction);
-    for name in ["densetnt", "query-transformer"] {
+    for name in ["densetnt", "query-transformer", "diffusion"] {
         let network = network(name);
         let weights = noisy(&*network, DType::F64);
         let sample =
             recorded_sample(&data, data.scene.adversary.unwrap(), trainable(&*network).unwrap()).unwrap();
         let total = |weights: Parameters| {
             let network = network.with_parameters(weights).unwrap();
-            trainable(&*network).unwrap().loss(&sample).unwrap().total
+            trainable(&*network).unwrap().loss(&sample, &mut Rng::new(0, "", "loss")).unwrap().total
         };
         let loss = |weights: Parameters| numbers(&total(weights))[0];
         let (traced, variables) =

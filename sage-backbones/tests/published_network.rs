@@ -176,7 +176,8 @@ fn check_goals(fixture: &Fixture, network: &DenseTnt, encoding: &Encoding, prefi
 
 fn check_loss(fixture: &Fixture, network: &DenseTnt, sample: &Sample, prefix: &str) {
     let trainer = Trainer::new(network, |_| true, AdamWConfig::default()).unwrap();
-    let Loss { total, parts } = trainer.trainable().unwrap().loss(sample).unwrap();
+    let Loss { total, parts } =
+        trainer.trainable().unwrap().loss(sample, &mut Rng::new(0, "", "loss")).unwrap();
     assert_abs_diff_eq!(
         numbers(&total)[0],
         fixture.numbers(&format!("{prefix}loss/total"))[0],
@@ -253,7 +254,7 @@ fn three_steps_of_adamw_give_the_published_parameters() {
     )
     .unwrap();
     for expected in fixture.numbers("syn/adamw/losses") {
-        let loss = trainer.trainable().unwrap().loss(&sample).unwrap();
+        let loss = trainer.trainable().unwrap().loss(&sample, &mut Rng::new(0, "", "loss")).unwrap();
         assert_abs_diff_eq!(numbers(&loss.total)[0], expected, epsilon = 1e-3);
         let gradient = trainer.gradient(&loss, "syn").unwrap();
         if trainer.adam.steps < 3 {
@@ -278,10 +279,17 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
     let network = fixture.network();
     let weights = network.parameters().to_dtype(DType::F64).unwrap();
     let loss = |weights: Parameters| {
-        numbers(&Cat::with_weights(weights, "").unwrap().loss(&sample).unwrap().total)[0]
+        numbers(
+            &Cat::with_weights(weights, "")
+                .unwrap()
+                .loss(&sample, &mut Rng::new(0, "", "loss"))
+                .unwrap()
+                .total,
+        )[0]
     };
     let (traced, variables) = weights.variables(|_| true).unwrap();
-    let total = Cat::with_weights(traced, "").unwrap().loss(&sample).unwrap().total;
+    let total =
+        Cat::with_weights(traced, "").unwrap().loss(&sample, &mut Rng::new(0, "", "loss")).unwrap().total;
     let store = total.backward().unwrap();
     for (name, variable) in variables.iter() {
         let mut rng = Rng::new(1, name, "direction");

@@ -18,6 +18,7 @@ use sage_core::{
     geometry::distance,
     motion::NOW,
     scene::{Held, Scene, SceneData},
+    seed::Rng,
 };
 use sage_data::procedural::{Kind, generate};
 
@@ -76,7 +77,7 @@ fn bytes(weights: &Parameters) -> Vec<u8> {
 fn three_steps_give_the_same_bits_on_one_two_and_three_threads() {
     let data = scenes(3, 8);
     let examples = Examples::of(&data);
-    for name in ["densetnt", "query-transformer"] {
+    for name in ["densetnt", "query-transformer", "diffusion"] {
         let network = network(name);
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -86,7 +87,10 @@ fn three_steps_give_the_same_bits_on_one_two_and_three_threads() {
                 for batch in examples.list().chunks(7).take(3) {
                     let gradient = |example: &_| {
                         let sample = examples.sample(example, trainer.trainable()?, true)?;
-                        trainer.gradient(&trainer.trainable().unwrap().loss(&sample)?, "test")
+                        trainer.gradient(
+                            &trainer.trainable().unwrap().loss(&sample, &mut Rng::new(0, "", "loss"))?,
+                            "test",
+                        )
                     };
                     let gradients = trainer.gradients(batch, gradient).unwrap();
                     trainer.update(&gradients, 1e-3, 5.0).unwrap();
@@ -157,10 +161,27 @@ fn a_gradient_that_is_not_finite_names_its_tensor() {
     let trainer = Trainer::new(&*network, |_| true, AdamWConfig::default()).unwrap();
     let examples = Examples::of(&data);
     let sample = examples.sample(&examples.list()[0], trainer.trainable().unwrap(), false).unwrap();
-    let mut loss = trainer.trainable().unwrap().loss(&sample).unwrap();
+    let mut loss = trainer.trainable().unwrap().loss(&sample, &mut Rng::new(0, "", "loss")).unwrap();
     loss.total = (loss.total * f64::INFINITY).unwrap();
     let error = trainer.gradient(&loss, "epoch 2, step 5, scene `x`").err().unwrap().to_string();
     assert!(error.starts_with("epoch 2, step 5, scene `x`: the gradient of `decoder."), "{error}");
+}
+
+#[test]
+fn a_parameter_that_no_gradient_reaches_is_named() {
+    let data = scenes(1, 9);
+    let network = network("densetnt");
+    let examples = Examples::of(&data);
+    let check = |trained: &dyn Fn(&str) -> bool| {
+        let trainer = Trainer::new(&*network, trained, AdamWConfig::default()).unwrap();
+        let sample = examples.sample(&examples.list()[0], trainer.trainable().unwrap(), false).unwrap();
+        let loss = trainer.trainable().unwrap().loss(&sample, &mut Rng::new(0, "", "loss")).unwrap();
+        trainer.gradient(&loss, "sample").unwrap();
+        trainer.check_reached()
+    };
+    check(&|name| network.parameter_group(name).is_pretrained()).unwrap();
+    let error = check(&|_| true).unwrap_err().to_string();
+    assert_snapshot!(error);
 }
 
 #[test]
@@ -246,7 +267,13 @@ fn the_published_network_trains_too() {
     // Its features cannot be mirrored, so the sample is not mirrored.
     let sample = examples.sample(&examples.list()[0], trainable(&*network).unwrap(), true).unwrap();
     assert!(
-        trainable(&*network).unwrap().loss(&sample).unwrap().parts.iter().all(|(_, loss)| loss.is_finite())
+        trainable(&*network)
+            .unwrap()
+            .loss(&sample, &mut Rng::new(0, "", "loss"))
+            .unwrap()
+            .parts
+            .iter()
+            .all(|(_, loss)| loss.is_finite())
     );
 }
 

@@ -20,8 +20,8 @@ use crate::{
     Error, Registries, Result,
     context::require,
     measure::{
-        Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult, Searches,
-        Transfers,
+        Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, Rates, SceneResult,
+        Searches, Transfers,
     },
     report::{KINDS, Report},
     rows::{Cell, Key, MetricRecord, Results, Subject},
@@ -41,6 +41,8 @@ pub struct Identity {
     ego: Vec<Value>,
     #[serde(skip_serializing_if = "Option::is_none")]
     policies: Option<Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    densities: Option<Value>,
 }
 
 /// Hashes of files that generators were built from, and of those that the objective reads.
@@ -129,8 +131,9 @@ impl PreparedStudy {
         let drives = measures_any(&[Subject::Drive, Subject::AttackedDrive]);
         let searches = measures_any(&[Subject::Search, Subject::Threshold]);
         let transfers = study.measures(Subject::Transfer);
+        let rates = study.measures(Subject::Rate);
         require(
-            !drives && !searches && !transfers || !egos.is_empty(),
+            !drives && !searches && !transfers && !rates || !egos.is_empty(),
             || "the study drives, but `ego` names no driver",
         )?;
         require(
@@ -141,8 +144,12 @@ impl PreparedStudy {
             !transfers || study.measure.len() == 1,
             || "`measure` names `transfer` beside other subjects; it needs a study of its own",
         )?;
+        require(
+            !rates || study.measure.len() == 1,
+            || "`measure` names `rate` beside other subjects; it needs a study of its own",
+        )?;
         let has_programs = egos.iter().any(|ego| ego.is_program);
-        let notes = unused(&study);
+        let mut notes = unused(&study);
         let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
         let is_episodic = study.measures(Subject::Episode);
         let groups = if is_attacked || is_episodic || searches || transfers || study.measures(Subject::Policy)
@@ -164,6 +171,7 @@ impl PreparedStudy {
             contents: (!files.is_empty() || !contents.is_empty()).then_some(Contents(files, contents)),
             ego: parts.iter().map(ego::identity).collect::<advsage::Result<_>>()?,
             policies: None,
+            densities: None,
         };
         let mut measurements: Vec<Box<dyn Measurement>> = Vec::new();
         // Without generators that use networks, policies say nothing.
@@ -180,6 +188,11 @@ impl PreparedStudy {
             measurements.push(Box::new(episodes));
         } else if searches {
             measurements.push(Box::new(Searches::new(&study, registries, egos, &groups, &selection)?));
+        } else if rates {
+            let rates = Rates::new(&study, registries, egos)?;
+            identity.densities = Some(rates.identity()?);
+            notes.extend(rates.notes());
+            measurements.push(Box::new(rates));
         } else if transfers {
             measurements.push(Box::new(Transfers::new(&study, registries, egos, &groups, &selection)?));
         } else if is_attacked || drives {

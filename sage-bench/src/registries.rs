@@ -13,6 +13,7 @@ use sage_sim::{
     avoidable::Avoidable,
     evaluation::EpisodeRow,
     metrics::{MeasuredAttack, attack_metrics, avoidable_metrics, drive_metrics, episode_metrics},
+    rate::{MeasuredRate, rate_metrics},
     search::{
         MeasuredSearch, MeasuredThreshold, MeasuredTransfer, search_metrics, threshold_metrics,
         transfer_metrics,
@@ -81,6 +82,8 @@ pub struct MetricRegistries {
     pub prediction: Metrics<Distances>,
     /// Of a search for what a driver fails at.
     pub search: Metrics<MeasuredSearch>,
+    /// Of how likely a driver fails.
+    pub rate: Metrics<MeasuredRate>,
     /// Of the λ from which a driver fails.
     pub threshold: Metrics<MeasuredThreshold>,
     /// Of a plan that was made against one driver, driven by another.
@@ -101,6 +104,7 @@ impl MetricRegistries {
             episode: episode_metrics()?,
             prediction: prediction_metrics()?,
             search: search_metrics()?,
+            rate: rate_metrics()?,
             threshold: threshold_metrics()?,
             transfer: transfer_metrics()?,
         })

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 28] = [
+pub const SHIPPED: [(&str, &str); 29] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("admit", include_str!("../studies/admit.yaml")),
@@ -36,6 +36,7 @@ pub const SHIPPED: [(&str, &str); 28] = [
     ("latest-start", include_str!("../studies/latest-start.yaml")),
     ("connectivity", include_str!("../studies/connectivity.yaml")),
     ("search", include_str!("../studies/search.yaml")),
+    ("rate", include_str!("../studies/rate.yaml")),
     ("people", include_str!("../studies/people.yaml")),
     ("threshold", include_str!("../studies/threshold.yaml")),
     ("transfer", include_str!("../studies/transfer.yaml")),

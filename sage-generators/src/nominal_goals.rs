@@ -1,4 +1,4 @@
-//! The plans of the nominal density: every goal of a motion prior with its probability and its own trajectory.
+//! The plans of the nominal density: every goal of a motion prior with its probability, its own trajectory, and that at other times.
 
 use std::sync::Arc;
 
@@ -10,8 +10,11 @@ use sage_backbones::{
 use sage_core::{
     Error,
     generator::{Observation, Proposal},
-    geometry::Point,
+    geometry::{Point, distance},
+    motion::{NOW, Trajectory},
 };
+
+use crate::TimedPath;
 
 /// Where a prior expects a track to be at the end of the future.
 #[derive(Clone, Debug)]
@@ -22,6 +25,14 @@ pub struct GoalDensity {
     pub log_probs: Vec<f64>,
 }
 
+impl GoalDensity {
+    /// The goal that is nearest to a point; `None` without goals.
+    pub fn nearest(&self, point: Point) -> Option<usize> {
+        let from = |goal: &usize| distance(self.goals[*goal], point);
+        (0..self.goals.len()).min_by(|a, b| from(a).total_cmp(&from(b)))
+    }
+}
+
 /// The density of a prior over the goals of a track.
 ///
 /// *Errors*: [`Error::Scene`] if the track is not valid *now* or the network's output is not finite.
@@ -29,25 +40,72 @@ pub fn goal_density(prior: &dyn Backbone, now: &Observation, track: usize) -> Re
     density(prior, now, track).map(|(density, _)| density).map_err(|error| in_scene(error, now))
 }
 
-/// All goals of an untuned prior for the adversary and the trajectory of each. Nothing is left out or retimed.
+/// The trajectory of a prior for a track to the goal that is nearest to a point; `None` without goals.
 ///
-/// *Errors*: [`Error::Scene`] for a scene without an adversary that is valid *now*, or for which the network's output is not finite.
-pub fn nominal_goals(prior: &dyn Backbone, now: &Observation) -> Result<Vec<Proposal>, Error> {
-    let adversary = now.scene().adversary_index()?;
-    let propose = || -> Result<Vec<Proposal>, sage_backbones::Error> {
-        let (GoalDensity { goals, log_probs }, encoding) = density(prior, now, adversary)?;
+/// *Errors*: as for [`goal_density`].
+pub fn trajectory_to(
+    prior: &dyn Backbone,
+    now: &Observation,
+    track: usize,
+    end: Point,
+) -> Result<Option<Trajectory>, Error> {
+    let predict = || -> Result<Option<Trajectory>, sage_backbones::Error> {
+        let (density, encoding) = density(prior, now, track)?;
+        let Some(goal) = density.nearest(end) else { return Ok(None) };
+        let trajectories = prior.trajectories(&encoding, &[goal])?;
+        Ok(trajectories_in_world(&trajectories, encoding.features())?.pop())
+    };
+    predict().map_err(|error| in_scene(error, now))
+}
+
+/// All goals of an untuned prior for a track at a temperature (log-probabilities up to a constant) with the trajectory of each,
+/// as often as there are shifts (metres, [`TimedPath::shifted`]), all equally likely; each with its shift. Shifts that give a goal the
+/// same plan are one plan.
+///
+/// *Errors*: as for [`goal_density`].
+pub fn nominal_plans(
+    prior: &dyn Backbone,
+    now: &Observation,
+    track: usize,
+    temperature: f64,
+    shifts: &[f64],
+) -> Result<Vec<(Proposal, f64)>, Error> {
+    let start = now.scene().tracks[track].point(NOW);
+    let propose = || -> Result<Vec<(Proposal, f64)>, sage_backbones::Error> {
+        let (GoalDensity { goals, log_probs }, encoding) = density(prior, now, track)?;
         let modes: Vec<usize> = (0..goals.len()).collect();
         let trajectories = prior.trajectories(&encoding, &modes)?;
         let trajectories = trajectories_in_world(&trajectories, encoding.features())?;
-        let plan = |((trajectory, goal), log_prob): ((_, Point), f64)| Proposal {
-            goal: Some(goal),
-            log_prob: Some(log_prob),
-            nll: Some(-log_prob),
-            ..Proposal::of(trajectory)
-        };
-        Ok(trajectories.into_iter().zip(goals).zip(log_probs).map(plan).collect())
+        let mut all = Vec::with_capacity(goals.len() * shifts.len());
+        for ((trajectory, goal), log_prob) in trajectories.into_iter().zip(goals).zip(log_probs) {
+            for (trajectory, shift, count) in timed(start, &trajectory, shifts)? {
+                let log_prob = Some(log_prob / temperature + (count as f64 / shifts.len() as f64).ln());
+                let plan = Proposal { goal: Some(goal), log_prob, ..Proposal::of(trajectory) };
+                all.push((plan, shift));
+            }
+        }
+        Ok(all)
     };
     propose().map_err(|error| in_scene(error, now))
+}
+
+/// The different plans that shifts make of a trajectory, each with its first shift and how many make it.
+fn timed(
+    start: Point,
+    trajectory: &Trajectory,
+    shifts: &[f64],
+) -> Result<Vec<(Trajectory, f64, usize)>, Error> {
+    let path = TimedPath::new(start, trajectory);
+    let mut all: Vec<(Trajectory, f64, usize)> = Vec::with_capacity(shifts.len());
+    for shift in shifts {
+        // The trajectory itself to the bit, not its path read at its own steps.
+        let plan = if *shift == 0.0 { trajectory.clone() } else { path.shifted(*shift)? };
+        match all.iter_mut().find(|(other, ..)| *other == plan) {
+            Some((_, _, count)) => *count += 1,
+            None => all.push((plan, *shift, 1)),
+        }
+    }
+    Ok(all)
 }
 
 fn density(

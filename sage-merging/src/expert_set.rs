@@ -4,7 +4,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use sage_backbones::{
     Backbone, MotionModel, OwnEncoder, Parameters,
-    backbone::ParameterGroup,
+    backbone::{ParameterGroup, Shared},
     candle::{DType, Tensor},
     parameters::Header,
     training::Tunes,
@@ -281,12 +281,13 @@ impl ExpertSet {
     /// *Errors*: weights that do not fit the network.
     pub fn model(&self, weights: Parameters) -> Result<Arc<dyn MotionModel>, Error> {
         let network = self.prior.with_parameters(weights)?;
-        Ok(match self.tunes {
-            Tunes::Scores => {
+        Ok(match (self.prior.shared(), self.tunes) {
+            (Shared::Nothing, _) => Arc::new(OwnEncoder::with_own_modes(network)),
+            (_, Tunes::Scores) => {
                 let network: Arc<dyn Backbone> = network.into();
                 network
             }
-            Tunes::All => Arc::new(OwnEncoder::new(network, self.prior.clone())),
+            (_, Tunes::All) => Arc::new(OwnEncoder::scoring(network, self.prior.clone())),
         })
     }
 

@@ -2,10 +2,7 @@
 
 use std::sync::Arc;
 
-use sage_backbones::{
-    MotionModel, Parameters,
-    candle::{Device, Tensor},
-};
+use sage_backbones::{MotionModel, Parameters, candle::Tensor};
 use sage_core::generator::{Mixture, corner};
 
 use crate::{Error, ExpertSet, TensorSet};
@@ -192,7 +189,7 @@ pub fn merged_weights(
             let (tensor, weights) = (tuned.name.to_string(), at.weights().to_vec());
             return Err(Error::NotFinite { tensor, value: *value, weights });
         }
-        weights.insert(&*tuned.name, Tensor::from_vec(out, tuned.shape.as_slice(), &Device::Cpu)?);
+        weights.insert(&*tuned.name, Tensor::from_vec(out, tuned.shape.as_slice(), weights.device())?);
     }
     Ok(weights)
 }

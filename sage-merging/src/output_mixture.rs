@@ -1,11 +1,11 @@
-//! A model whose log-probabilities combine those of several experts. Trajectories are the prior's: fine-tuning
-//! does not change them.
+//! A model whose log-probabilities combine those of several experts. Trajectories are the prior's where fine-tuning does not
+//! change them; else the model has the modes of all experts.
 
 use std::sync::Arc;
 
 use sage_backbones::{
     Backbone, Error as NetworkError, MotionModel,
-    backbone::finite,
+    backbone::{Shared, finite},
     candle::{Device, Tensor},
     encoding::{Encoding, ModelId},
 };
@@ -66,6 +66,9 @@ impl<C: Combination> OutputMixture<C> {
             return Ok(expert);
         }
         let members = Members::of(experts, at)?;
+        if experts.prior().shared() != Shared::Trajectories {
+            return Ok(Arc::new(AllModes(members)));
+        }
         Ok(Arc::new(Self { id: ModelId::unique(), members, combination: std::marker::PhantomData }))
     }
 
@@ -120,6 +123,50 @@ impl<C: Combination> MotionModel for OutputMixture<C> {
         // Both are up to the same constant, which the given log-probabilities have without.
         let given = finite::<f64>(log_probs)?;
         tensor(modes.iter().zip(along).map(|(&mode, along)| given[mode] + along - plain[mode]))
+    }
+}
+
+/// The mixture of experts that have modes of their own: the modes of all, each expert's with the share that is its weight.
+struct AllModes(Members);
+
+impl AllModes {
+    /// Modes of each expert by their numbers, from modes of all.
+    fn by_expert(&self, encoding: &Encoding, modes: &[usize]) -> Result<Vec<(usize, usize)>, NetworkError> {
+        let mut starts = vec![0];
+        for model in &self.0.models {
+            starts.push(starts[starts.len() - 1] + model.mode_ends(encoding)?.len());
+        }
+        let of = |&mode: &usize| {
+            let expert = starts.partition_point(|start| *start <= mode) - 1;
+            (expert, mode - starts[expert])
+        };
+        Ok(modes.iter().map(of).collect())
+    }
+}
+
+impl MotionModel for AllModes {
+    fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, NetworkError> {
+        let mut all = Vec::new();
+        for (model, weight) in self.0.models.iter().zip(&self.0.weights) {
+            let own = finite::<f64>(&model.log_probs(encoding)?)?;
+            all.extend(own.into_iter().map(|log_prob| log_prob + weight.ln()));
+        }
+        tensor(all.into_iter())
+    }
+
+    fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, NetworkError> {
+        let all = self.0.models.iter().map(|model| model.mode_ends(encoding));
+        Ok(all.collect::<Result<Vec<_>, _>>()?.concat())
+    }
+
+    fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, NetworkError> {
+        let one = |(expert, mode): (usize, usize)| self.0.models[expert].trajectories(encoding, &[mode]);
+        let all = self.by_expert(encoding, modes)?.into_iter().map(one).collect::<Result<Vec<_>, _>>()?;
+        Ok(Tensor::cat(&all, 0)?)
+    }
+
+    fn modes_of_prior(&self, encoding: &Encoding, modes: &[usize]) -> Result<Vec<usize>, NetworkError> {
+        Ok(self.by_expert(encoding, modes)?.into_iter().map(|(_, mode)| mode).collect())
     }
 }
 

@@ -12,9 +12,10 @@ use sage_backbones::{
     Error as NetworkError, MotionModel,
     backbone::finite,
     candidates::{Sampling, select},
-    candle::{Device, Tensor},
+    candle::Tensor,
     encoding::{Encoding, ModelId},
-    features::{FORECAST_STEPS, STRIDE},
+    features::STRIDE,
+    smooth_path,
 };
 use sage_core::{generator::Mixture, registry::Entry, seed::Rng};
 use serde::{Deserialize, Serialize};
@@ -100,17 +101,17 @@ impl MeanTrajectories {
     }
 
     fn pair(&self, encoding: &Encoding) -> Result<Paired, NetworkError> {
-        let Members { prior, models, weights } = &self.members;
+        let Members { models, weights, .. } = &self.members;
         let TrajectoryOptions { candidates, apart, pairs } = self.options;
-        let ends = prior.mode_ends(encoding)?;
+        let ends: Vec<_> = models.iter().map(|model| model.mode_ends(encoding)).collect::<Result<_, _>>()?;
         let own = models.iter().map(|model| model.log_probs(encoding)).collect::<Result<Vec<_>, _>>()?;
-        let chosen = |log_probs: &Tensor| -> Result<Vec<usize>, NetworkError> {
+        let chosen = |(log_probs, ends): (&Tensor, &Vec<[f32; 2]>)| -> Result<Vec<usize>, NetworkError> {
             // Suppression draws nothing.
             let mut rng = Rng::new(0, "trajectory mixing", "none");
             let policy = finite::<f32>(log_probs)?;
-            Ok(select(&policy, &ends, candidates, Sampling::Nms { radius: apart }, &mut rng))
+            Ok(select(&policy, ends, candidates, Sampling::Nms { radius: apart }, &mut rng))
         };
-        let ranked = own.iter().map(chosen).collect::<Result<Vec<_>, _>>()?;
+        let ranked = own.iter().zip(&ends).map(chosen).collect::<Result<Vec<_>, _>>()?;
         let modes = match pairs {
             Pairs::Rank => ranked,
             Pairs::End => by_end(ranked, weights, &ends),
@@ -118,14 +119,12 @@ impl MeanTrajectories {
         let count = modes.iter().map(Vec::len).min().unwrap_or(0);
         // Each expert scores the mean trajectory in place of its own.
         let all: Vec<usize> = (0..count).collect();
-        let every: Vec<u32> = (1..=FORECAST_STEPS).map(|step| (step * STRIDE - 1) as u32).collect();
-        let every = Tensor::from_vec(every, FORECAST_STEPS, &Device::Cpu)?;
-        let points = self.mean_trajectories(encoding, &modes, &all)?.index_select(&every, 1)?;
+        let points = smooth_path::every(&self.mean_trajectories(encoding, &modes, &all)?, STRIDE)?;
         let means = self.mean_log_probs(encoding, &own, &modes, &all, &points)?;
         let total = log_sum_exp(&means);
         let end = |pair: usize| {
             [0, 1].map(|axis| {
-                let terms = (0..weights.len()).map(|k| weights[k] * f64::from(ends[modes[k][pair]][axis]));
+                let terms = (0..weights.len()).map(|k| weights[k] * f64::from(ends[k][modes[k][pair]][axis]));
                 terms.sum::<f64>() as f32
             })
         };
@@ -147,11 +146,11 @@ impl MeanTrajectories {
         modes: &[Vec<usize>],
         pairs: &[usize],
     ) -> Result<Tensor, NetworkError> {
-        let Members { prior, weights, .. } = &self.members;
+        let Members { models, weights, .. } = &self.members;
         let mut mean: Option<Tensor> = None;
-        for (own, weight) in modes.iter().zip(weights) {
+        for ((own, weight), model) in modes.iter().zip(weights).zip(models) {
             let own: Vec<usize> = pairs.iter().map(|&pair| own[pair]).collect();
-            let part = (prior.trajectories(encoding, &own)? * *weight)?;
+            let part = (model.trajectories(encoding, &own)? * *weight)?;
             mean = Some(match mean {
                 None => part,
                 Some(mean) => (mean + part)?,
@@ -181,16 +180,17 @@ impl MeanTrajectories {
 }
 
 /// Reorders the candidates of all experts but the heaviest, so that each is near its partner's end.
-fn by_end(ranked: Vec<Vec<usize>>, weights: &[f64], ends: &[[f32; 2]]) -> Vec<Vec<usize>> {
+fn by_end(ranked: Vec<Vec<usize>>, weights: &[f64], ends: &[Vec<[f32; 2]>]) -> Vec<Vec<usize>> {
     let heaviest = (0..weights.len()).rev().max_by(|a, b| weights[*a].total_cmp(&weights[*b])).unwrap_or(0);
     let leading = ranked[heaviest].clone();
-    let gap = |a: usize, b: usize| (ends[a][0] - ends[b][0]).hypot(ends[a][1] - ends[b][1]);
+    let gap = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     let partners = |(k, mut free): (usize, Vec<usize>)| {
         if k == heaviest {
             return free;
         }
         let nearest = |lead: &usize| {
-            let at = (0..free.len()).min_by(|a, b| gap(free[*a], *lead).total_cmp(&gap(free[*b], *lead)))?;
+            let away = |at: &usize| gap(ends[k][free[*at]], ends[heaviest][*lead]);
+            let at = (0..free.len()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
             Some(free.remove(at))
         };
         leading.iter().filter_map(nearest).collect()
@@ -259,7 +259,7 @@ mod tests {
 
     #[test]
     fn the_nearest_free_candidates_become_partners() {
-        let ends = [[0.0, 0.0], [10.0, 0.0], [1.0, 0.0], [9.0, 0.0]];
+        let ends = [(); 2].map(|()| vec![[0.0, 0.0], [10.0, 0.0], [1.0, 0.0], [9.0, 0.0]]);
         // The second expert is heavier: its modes 2 and 3 take the nearest of 1 and 0.
         let modes = by_end(vec![vec![1, 0], vec![2, 3]], &[0.4, 0.6], &ends);
         assert_eq!(modes, [[0, 1], [2, 3]]);

@@ -4,8 +4,9 @@ use advsage::{
     part::Part,
     prepared::DriverInScene,
     rows::{
+        evaluated::EvaluatedRow,
         failure::{FailureOf, FailureRow},
-        search::{EvaluatedRow, RowHead},
+        search::RowHead,
     },
     search::rule,
 };

@@ -2,7 +2,7 @@
 
 use advsage::{
     part::Part,
-    rate::{NamedRate, RateSpec},
+    rate::{DensitySpec, NamedRate, PROFILES, RateSpec},
     rows::rate::{RateOf, RateRow},
 };
 use pyo3::prelude::*;
@@ -27,21 +27,15 @@ fn rate(
 ) -> Result<(Value, Vec<Value>)> {
     let in_scene = in_scene(scene, driver, rate.spec.seed)?;
     let nominal = rate.nominal(&scene.scene, &scene.index)?;
-    let driven = rate.drive(&in_scene, &nominal)?;
-    let of = RateOf {
-        nominal: &nominal,
-        temperature: rate.temperature,
-        driven: &driven,
-        require: rate.spec.require,
-        events,
-    };
+    let (inclusions, driven) = rate.drive(&in_scene, &nominal)?;
+    let of = RateOf { nominal: &nominal, rate, inclusions: &inclusions, driven: &driven, events };
     let row = RateRow::new(head(scene, driver, &in_scene, rate.spec.seed), &of, &in_scene.test);
     Ok((without_run(serde_json::to_value(row)?), Vec::new()))
 }
 
 /// Rates a driver in scenes, one after another; `advsage.rate` gathers what this finds.
 #[pyfunction]
-#[pyo3(signature = (scenes, ego, *, budget=Some(64), weights=None, temperature=None, require=None, events=None, feasibility=None,
+#[pyo3(signature = (scenes, ego, *, budget=Some(64), weights=None, temperature=None, profiles=None, aware=false, require=None, given="clear-of-recorded-ego", events=None, feasibility=None,
     references=None, seed=0, threads=None))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn rate_each(
@@ -51,7 +45,10 @@ pub(crate) fn rate_each(
     #[pyo3(from_py_with = crate::seed::optional_count)] budget: Option<usize>,
     weights: Option<String>,
     temperature: Option<f64>,
+    #[pyo3(from_py_with = crate::seed::optional_count)] profiles: Option<usize>,
+    aware: bool,
     require: Option<&str>,
+    given: &str,
     events: Option<Vec<String>>,
     feasibility: Option<&str>,
     references: Option<Vec<String>>,
@@ -70,7 +67,9 @@ pub(crate) fn rate_each(
         .map(|names| names.iter().map(|name| name.parse()).collect::<std::result::Result<Vec<Event>, _>>());
     let events = events.transpose().map_err(OptionError::new_err)?.unwrap_or_else(|| Event::DEFAULT.to_vec());
     let feasibility = feasibility.map(str::parse::<Part>).transpose().map_err(OptionError::new_err)?;
-    let spec = RateSpec { weights, temperature, feasibility, budget, require, seed };
+    let given = given.parse().map_err(OptionError::new_err)?;
+    let density = DensitySpec { temperature, profiles: profiles.unwrap_or(PROFILES), aware };
+    let spec = RateSpec { weights, density, feasibility, budget, require, given, seed };
     let named = detached(py, || Ok(spec.build(registries()?)?))?;
     let by = driver.clone();
     let work = move |scene: &SceneData| rate(scene, &named, &by, &events);

@@ -79,7 +79,7 @@ class Scenes(InFolder):
             with open(os.path.join(out, f"{row['scene']}-idm.json")) as file:
                 written = json.load(file)
             self.assertEqual({name: written[name] for name in row}, row)
-            self.assertEqual(row["drives"], sum(goal["inclusion"] is not None for goal in row["goals"]))
+            self.assertEqual(row["drives"], sum(goal["outcome"] is not None for goal in row["goals"]))
             for rates in row["rates"].values():
                 for rate in rates.values():
                     self.assertLessEqual(rate["low"], rate["high"])

@@ -4,9 +4,11 @@
 //! probability of the plans in whose drive it happens, conditioned on what is [`Given`]. With as many drives as plans it is exact;
 //! with fewer it is an estimate without bias ([`systematic`]), between bounds that hold for sure.
 //!
-//! It is no accident rate. Scenes are chosen, nothing is per kilometre, and this traffic does not look out: it collides with recorded
+//! It is no accident rate. Scenes are chosen, nothing is per kilometre, and a density that does not look out collides with recorded
 //! egos more often than people did.
 
+mod importance;
+mod metrics;
 mod sampling;
 
 use sage_core::{
@@ -17,6 +19,8 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
+use importance::{BESIDE, LEAST, importance};
+pub use metrics::{MeasuredRate, rate_metrics};
 pub use sampling::{inclusions, systematic};
 
 use crate::{
@@ -40,12 +44,35 @@ impl Given {
     /// All conditions, the headline first.
     pub const ALL: [Self; 2] = [Self::ClearOfRecordedEgo, Self::Feasible];
 
+    /// The other one.
+    pub fn other(self) -> Self {
+        match self {
+            Self::ClearOfRecordedEgo => Self::Feasible,
+            Self::Feasible => Self::ClearOfRecordedEgo,
+        }
+    }
+
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::ClearOfRecordedEgo => "clear-of-recorded-ego",
             Self::Feasible => "feasible",
         }
+    }
+}
+
+impl std::fmt::Display for Given {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Given {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|given| given.name() == name);
+        found.ok_or_else(|| format!("`{name}` is none; known: {}", Self::ALL.map(Self::name).join(", ")))
     }
 }
 
@@ -106,6 +133,8 @@ pub struct NominalPlan {
     pub proposal: Proposal,
     /// Its probability among all plans, infeasible ones included.
     pub probability: f64,
+    /// How far its timing is shifted from that of its goal's trajectory, metres.
+    pub shift: f64,
     /// Whether it does not touch the recorded ego.
     pub is_clear: bool,
 }
@@ -120,23 +149,19 @@ pub struct Nominal {
 }
 
 impl Nominal {
-    /// The density of proposals with log-probabilities at a temperature: `p ∝ exp(log p / T)`. `recorded` holds the recorded ego. The
-    /// rule must not depend on the ego's path.
-    pub fn new(
-        recorded: &Context,
-        rule: &dyn Feasibility,
-        proposals: Vec<Proposal>,
-        temperature: f64,
-    ) -> Self {
-        let scaled = |plan: &Proposal| plan.log_prob.unwrap_or(f64::NEG_INFINITY) / temperature;
-        let most = proposals.iter().map(scaled).fold(f64::NEG_INFINITY, f64::max);
-        let weights: Vec<f64> = proposals.iter().map(|plan| (scaled(plan) - most).exp()).collect();
+    /// The density of proposals with log-probabilities, normalised; each comes with the shift of its timing.
+    /// `recorded` holds the recorded ego. The rule must not depend on the ego's path.
+    pub fn new(recorded: &Context, rule: &dyn Feasibility, proposals: Vec<(Proposal, f64)>) -> Self {
+        let log_prob = |plan: &Proposal| plan.log_prob.unwrap_or(f64::NEG_INFINITY);
+        let most = proposals.iter().map(|(plan, _)| log_prob(plan)).fold(f64::NEG_INFINITY, f64::max);
+        let weights: Vec<f64> = proposals.iter().map(|(plan, _)| (log_prob(plan) - most).exp()).collect();
         let mass: f64 = weights.iter().sum();
         let all = proposals.len();
-        let plan = |(proposal, weight): (Proposal, f64)| {
+        let plan = |((proposal, shift), weight): ((Proposal, f64), f64)| {
             let candidate = recorded.candidate(proposal.trajectory.clone());
             rule.is_feasible(&candidate, recorded).then(|| NominalPlan {
                 probability: weight / mass,
+                shift,
                 is_clear: Encounter::of(&candidate, recorded.ego()).contact.is_none(),
                 proposal,
             })
@@ -155,7 +180,22 @@ impl Nominal {
         plans.filter(move |(_, plan)| given == Given::Feasible || plan.is_clear)
     }
 
-    /// Drives a driver against so many plans, likelier ones more often. `ctx` is that of the unattacked drive.
+    /// Probabilities with which plans are driven, if there are so many drives: proportional to their own, larger for plans that meet
+    /// the unattacked drive, whose context `ctx` is, and smaller for plans that do not meet the headline's condition.
+    pub fn inclusions(&self, ctx: &Context, headline: Given, drives: usize) -> Vec<f64> {
+        let weight = |plan: &NominalPlan| {
+            // Where all are driven, none counts more.
+            if drives >= self.plans.len() {
+                return plan.probability;
+            }
+            let is_beside = headline == Given::ClearOfRecordedEgo && !plan.is_clear;
+            let importance = importance(&ctx.candidate(plan.proposal.trajectory.clone()), ctx);
+            plan.probability * (importance * if is_beside { BESIDE } else { 1.0 }).max(LEAST)
+        };
+        inclusions(&self.plans.iter().map(weight).collect::<Vec<_>>(), drives)
+    }
+
+    /// Drives a driver against plans, each with its probability of inclusion. `ctx` is that of the unattacked drive.
     ///
     /// *Errors*: every drive ends in an error of the driver.
     pub fn drive(
@@ -164,15 +204,19 @@ impl Nominal {
         ctx: &Context,
         rule: &dyn Feasibility,
         options: &SearchOptions,
+        inclusions: &[f64],
         seed: u64,
     ) -> Result<Vec<Driven>, Error> {
-        let probabilities: Vec<f64> = self.plans.iter().map(|plan| plan.probability).collect();
-        let inclusions = inclusions(&probabilities, options.budget);
         let start = Rng::new(seed, &ctx.scene().id, "rate").unit();
         let mut drives = PlanDrives::new(test, ctx, rule, options)?;
         let mut driven = Vec::new();
-        for plan in self.sample(&inclusions, start) {
-            if let Some(evaluated) = drives.evaluate(plan, &self.plans[plan].proposal)? {
+        for plan in self.sample(inclusions, start) {
+            let evaluated = match drives.evaluate(plan, &self.plans[plan].proposal) {
+                // The driver may do better against other plans.
+                Err(error @ Error::Planner { .. }) => Some(Evaluated::failed(plan, error.to_string())),
+                other => other?,
+            };
+            if let Some(evaluated) = evaluated {
                 driven.push(Driven { plan, inclusion: inclusions[plan], evaluated });
             }
         }
@@ -202,6 +246,15 @@ impl Nominal {
         chosen
     }
 
+    /// Share of what is given that was not driven; 0 if nothing is given.
+    pub fn undriven(&self, driven: &[Driven], given: Given) -> f64 {
+        let mass = self.mass(given);
+        let is_driven = |plan: usize| driven.iter().any(|driven| driven.plan == plan);
+        let left = self.of(given).filter(|(plan, _)| !is_driven(*plan));
+        let left: f64 = left.map(|(_, plan)| plan.probability).sum();
+        if mass > 0.0 { left / mass } else { 0.0 }
+    }
+
     /// The rate of an event; `None` if nothing is given.
     pub fn rate(&self, driven: &[Driven], given: Given, event: impl Fn(&Evaluated) -> bool) -> Option<Rate> {
         let mass = self.mass(given);
@@ -218,7 +271,7 @@ impl Nominal {
         let sum = |parts: &mut dyn Iterator<Item = f64>| parts.fold(0.0, |sum, part| sum + part);
         let sure = sum(&mut happened().map(probability));
         let estimate = sum(&mut happened().map(|driven| probability(driven) / driven.inclusion));
-        // Bounds that no estimate may leave: it can be above 1 where few plans were driven.
+        // The rate lies between these for sure; an estimate of few drives may not, and may be above 1.
         let [low, high] = [sure / mass, ((sure + (mass - known).max(0.0)) / mass).min(1.0)];
         Some(Rate { rate: estimate / mass, low, high })
     }

@@ -141,6 +141,8 @@ pub struct Failure {
     pub circumstances: Option<Circumstances>,
     /// How its plan differs from the recording; `None` if the adversary is not recorded up to the contact.
     pub deviation: Option<Deviation>,
+    /// Probability that the adversary moves so up to the contact, under a nominal density; `None` without one.
+    pub probability: Option<f64>,
     /// What explains it, if that was asked.
     pub explanation: Option<Explanation>,
     /// What the driver showed of its steps.
@@ -196,9 +198,13 @@ impl SearchResult {
         })
     }
 
-    /// The failure that is likeliest under the prior, then the one with the least kinematic penalty, then the first.
+    /// The failure with the largest probability, then the one whose goal is likeliest under the prior, then the one with the least
+    /// kinematic penalty, then the first.
     pub fn likeliest(&self, pool: &Pool) -> Option<&Failure> {
-        self.least(|failure| self.strain(failure, pool))
+        self.least(|failure| {
+            let [nll, strain] = self.strain(failure, pool);
+            [-failure.probability.unwrap_or(0.0), nll, strain]
+        })
     }
 
     /// Negative log-likelihood and kinematic penalty. A plan of unknown likelihood comes after all others.
@@ -330,7 +336,16 @@ pub fn search(
             let deviation = contact.and_then(|step| Deviation::of(ctx, &plan.candidate, step));
             let explanation = None;
             let shown = outcome.episode.drive.shown.iter().map(Shown::rounded).collect();
-            let failure = Failure { drive, path, avoidable, circumstances, deviation, explanation, shown };
+            let failure = Failure {
+                drive,
+                path,
+                avoidable,
+                circumstances,
+                deviation,
+                probability: None,
+                explanation,
+                shown,
+            };
             result.failures.push(failure);
         }
         result.driven.push(evaluated);

@@ -17,7 +17,7 @@ use sage_sim::{
     SimScene,
     attack_test::AttackTest,
     policy::policies,
-    rate::{Driven, Event, Given, Nominal, inclusions},
+    rate::{Driven, Event, Given, Nominal},
     search::{Requirement, SearchOptions},
 };
 
@@ -49,16 +49,22 @@ fn plans(simulated: &SimScene) -> Vec<Proposal> {
 }
 
 /// The density with all its drives.
-fn driven(driver: &str, temperature: f64) -> (Nominal, Vec<Driven>) {
+fn driven(driver: &str, temperature: f64) -> (Nominal, Vec<Driven>, Context) {
     let simulated = beside();
     let policy = policies().unwrap().build_default(driver).unwrap();
     let test = AttackTest::new(&*policy, &simulated, 0).unwrap();
     let recorded = Context::new(simulated.scene(), simulated.index(), &ContextOptions::default()).unwrap();
-    let nominal = Nominal::new(&recorded, &DrivableFeasibility::default(), plans(&simulated), temperature);
+    let at = |plan: Proposal| {
+        (Proposal { log_prob: plan.log_prob.map(|log_prob| log_prob / temperature), ..plan }, 0.0)
+    };
+    let tempered = plans(&simulated).into_iter().map(at).collect();
+    let nominal = Nominal::new(&recorded, &DrivableFeasibility::default(), tempered);
     let options = SearchOptions { budget: usize::MAX, ..SearchOptions::default() };
+    let ctx = test.context().unwrap();
+    let inclusions = nominal.inclusions(&ctx, Given::default(), options.budget);
     let driven =
-        nominal.drive(&test, &test.context().unwrap(), &DrivableFeasibility::default(), &options, 0).unwrap();
-    (nominal, driven)
+        nominal.drive(&test, &ctx, &DrivableFeasibility::default(), &options, &inclusions, 0).unwrap();
+    (nominal, driven, ctx)
 }
 
 fn contact(driven: &Driven) -> bool {
@@ -71,7 +77,7 @@ fn all_plans_give_the_sum_that_an_enumeration_gives() {
     let policy = policies().unwrap().build_default("idm").unwrap();
     let test = AttackTest::new(&*policy, &simulated, 0).unwrap();
     let recorded = Context::new(simulated.scene(), simulated.index(), &ContextOptions::default()).unwrap();
-    let (nominal, driven) = driven("idm", 1.7);
+    let (nominal, driven, _) = driven("idm", 1.7);
     let all = plans(&simulated);
     assert_eq!(nominal.all, all.len());
     let weight = |plan: &Proposal| (plan.log_prob.unwrap() / 1.7).exp();
@@ -102,14 +108,13 @@ fn all_plans_give_the_sum_that_an_enumeration_gives() {
 #[test]
 fn samples_have_no_bias_and_their_bounds_hold_the_truth() {
     for driver in ["idm", "constant-speed", "expert"] {
-        let (nominal, all) = driven(driver, 1.0);
+        let (nominal, all, unattacked) = driven(driver, 1.0);
         for given in Given::ALL {
             let happens =
                 |driven: &sage_sim::search::Evaluated| Event::Contact.happens(driven, Requirement::default());
             let truth = nominal.rate(&all, given, happens).unwrap().rate;
-            let probabilities: Vec<f64> = nominal.plans.iter().map(|plan| plan.probability).collect();
             for budget in [4, 16, 64] {
-                let inclusions = inclusions(&probabilities, budget);
+                let inclusions = nominal.inclusions(&unattacked, given, budget);
                 let mut rng = Rng::new(3, driver, "starts");
                 let starts = 1000;
                 let (mut sum, mut squares) = (0.0, 0.0);
@@ -137,7 +142,7 @@ fn samples_have_no_bias_and_their_bounds_hold_the_truth() {
 
 #[test]
 fn who_repeats_the_recording_has_rate_0_among_plans_clear_of_it() {
-    let (nominal, all) = driven("replay", 1.0);
+    let (nominal, all, _) = driven("replay", 1.0);
     let rate = |given| {
         let happens =
             |driven: &sage_sim::search::Evaluated| Event::Contact.happens(driven, Requirement::default());

@@ -1,8 +1,10 @@
 //! Whether a density of goals is calibrated: how often recorded ends lie in its sets.
 
-use sage_core::geometry::{Point, distance};
+use sage_core::geometry::Point;
 use sage_generators::GoalDensity;
 use serde::{Deserialize, Serialize};
+
+use super::Timing;
 
 /// Shares of probability whose sets are examined.
 pub const LEVELS: [f64; 3] = [0.5, 0.8, 0.95];
@@ -20,8 +22,7 @@ pub struct RecordedEnd {
 impl RecordedEnd {
     /// The goal of the density that is nearest to the end; `None` without goals.
     pub fn of(density: GoalDensity, end: Point) -> Option<Self> {
-        let from = |goal: &usize| distance(density.goals[*goal], end);
-        let goal = (0..density.goals.len()).min_by(|a, b| from(a).total_cmp(&from(b)))?;
+        let goal = density.nearest(end)?;
         Some(Self { log_probs: density.log_probs, goal })
     }
 
@@ -78,6 +79,46 @@ pub struct NominalCard {
     pub command: String,
     /// How often recorded ends lie in its sets: of the scenes of the fit, and of others.
     pub coverage: Vec<Coverage>,
+    /// How recorded cars are timed beside the trajectories of their goals; none if it was not fitted.
+    #[serde(default)]
+    pub timing: Option<Timing>,
+    /// What several timings of a goal gain: of the scenes of the fit, and of others.
+    #[serde(default)]
+    pub timing_gain: Vec<TimingGain>,
+    /// How often recorded egos are met: of the scenes of the fit, and of others.
+    #[serde(default)]
+    pub meetings: Vec<Meetings>,
+}
+
+/// How often adversaries meet recorded egos: the recorded ones, and the feasible plans of the density and of one that looks out, in
+/// scenes in which both have some.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Meetings {
+    /// The scenes.
+    pub scenes: String,
+    /// Whose plans.
+    pub whose: String,
+    /// Number of adversaries, one a scene.
+    pub adversaries: usize,
+    /// Share with a contact, with its interval over scenes.
+    pub contact: [f64; 3],
+    /// Share with a post-encroachment time below 1 s, with its interval over scenes.
+    pub near_miss: [f64; 3],
+}
+
+/// By how much likelier recorded timings are with several shifts of a goal's trajectory than with the trajectory alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimingGain {
+    /// The scenes.
+    pub scenes: String,
+    /// Whether the timing was fitted to them.
+    pub fitted: bool,
+    /// Number of shifts.
+    pub profiles: usize,
+    /// Number of adversaries, one a scene.
+    pub tracks: usize,
+    /// Mean and its interval over scenes, nats.
+    pub nats: [f64; 3],
 }
 
 /// How often recorded ends lie in the sets of a density at its temperature.

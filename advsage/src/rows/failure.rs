@@ -10,8 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     GeneratedBy,
+    evaluated::EvaluatedRow,
     plan::PlanRow,
-    search::{EvaluatedRow, RowHead, failure_name, sentence},
+    search::{RowHead, failure_name, sentence},
 };
 use crate::operating_point::RowKey;
 
@@ -44,6 +45,10 @@ pub struct FailureRow {
     /// How the plan differs from the recording of the adversary.
     #[serde(default)]
     pub deviation: Option<Deviation>,
+    /// Probability that the adversary stays within 2 m of the plan up to the contact, among all plans of the nominal
+    /// density of the weights.
+    #[serde(default)]
+    pub probability: Option<f64>,
     /// What explains the failure, in words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sentence: Option<String>,
@@ -103,6 +108,7 @@ impl FailureRow {
             evaluated: EvaluatedRow::of(evaluated),
             circumstances: failure.circumstances,
             deviation: failure.deviation,
+            probability: failure.probability,
             sentence: sentence(&head.ego, evaluated, failure),
             explanation: failure.explanation.clone(),
             shown: failure.shown.clone(),

@@ -11,6 +11,7 @@ use sage_sim::{
 use serde::{Deserialize, Serialize};
 
 use super::{ROW_LIMIT, contact::step, search::RowHead};
+use crate::rate::NamedRate;
 
 /// The row of a driver in a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -20,8 +21,14 @@ pub struct RateRow {
     pub head: RowHead,
     /// What makes a failure.
     pub require: Requirement,
+    /// What the headline is conditioned on.
+    pub given: Given,
     /// Temperature of the nominal density.
     pub temperature: f64,
+    /// Shifts of the timings of a goal, metres.
+    pub shifts: Vec<f64>,
+    /// Whether the adversary looks out.
+    pub aware: bool,
     /// Number of all plans of the density.
     pub plans: usize,
     /// Number of the feasible ones.
@@ -42,7 +49,7 @@ pub struct RateRow {
     pub unattacked_contact: Option<i64>,
     /// Whether the driver is at fault in it.
     pub unattacked_at_fault: bool,
-    /// The likeliest failure that was driven.
+    /// The likeliest failure that was driven and meets the headline's condition.
     pub likeliest: Option<LikeliestFailure>,
     /// All feasible plans, in their order.
     pub goals: Vec<GoalRow>,
@@ -51,7 +58,7 @@ pub struct RateRow {
 /// The likeliest failure of a driver in a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LikeliestFailure {
-    /// Its probability, given that the plan is feasible.
+    /// Its probability under the headline's condition.
     pub probability: f64,
     /// Whether the plan does not touch the recorded ego.
     pub is_clear: bool,
@@ -68,18 +75,20 @@ pub struct LikeliestFailure {
 pub struct GoalRow {
     /// Its goal, metres, world frame.
     pub goal: Option<Point>,
+    /// How far its timing is shifted from that of the goal's trajectory, metres.
+    pub shift: f64,
     /// Its probability among all plans.
     pub probability: f64,
     /// Whether it does not touch the recorded ego.
     pub is_clear: bool,
-    /// Probability with which it is driven; none if it was not.
-    pub inclusion: Option<f64>,
+    /// Probability with which it is driven.
+    pub inclusion: f64,
     /// Whether the drive has a contact with the adversary, an attack, a failure; none if it was not driven.
     pub outcome: Option<Outcome>,
 }
 
 /// What came of a drive.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
     /// No contact with the adversary.
@@ -96,12 +105,12 @@ pub enum Outcome {
 pub struct RateOf<'a> {
     /// The density.
     pub nominal: &'a Nominal,
-    /// Its temperature.
-    pub temperature: f64,
+    /// What measures the rate.
+    pub rate: &'a NamedRate,
+    /// Probability with which each plan is driven.
+    pub inclusions: &'a [f64],
     /// The drives.
     pub driven: &'a [Driven],
-    /// What makes a failure.
-    pub require: Requirement,
     /// The events.
     pub events: &'a [Event],
 }
@@ -109,14 +118,11 @@ pub struct RateOf<'a> {
 impl RateRow {
     /// The row of a driver in a scene.
     pub fn new(head: RowHead, of: &RateOf, test: &AttackTest) -> Self {
-        let RateOf { nominal, driven, require, .. } = *of;
+        let RateOf { nominal, driven, .. } = *of;
+        let (require, headline) = (of.rate.spec.require, of.rate.spec.given);
         let mass: BTreeMap<Given, f64> = Given::ALL.map(|given| (given, nominal.mass(given))).into();
         let is_driven = |plan: usize| driven.iter().find(|driven| driven.plan == plan);
-        let undriven = Given::ALL.map(|given| {
-            let left = nominal.of(given).filter(|(k, _)| is_driven(*k).is_none());
-            let left: f64 = left.map(|(_, plan)| plan.probability).sum();
-            (given, if mass[&given] > 0.0 { left / mass[&given] } else { 0.0 })
-        });
+        let undriven = Given::ALL.map(|given| (given, nominal.undriven(driven, given)));
         let rates = Given::ALL.map(|given| {
             let rate = |event: &Event| {
                 let rate = nominal.rate(driven, given, |driven| event.happens(driven, require));
@@ -124,7 +130,9 @@ impl RateRow {
             };
             (given, of.events.iter().filter_map(rate).collect())
         });
-        let failures = driven.iter().filter(|driven| Event::Failure.happens(&driven.evaluated, require));
+        let is_given = |driven: &&Driven| headline == Given::Feasible || nominal.plans[driven.plan].is_clear;
+        let failures = driven.iter().filter(is_given);
+        let failures = failures.filter(|driven| Event::Failure.happens(&driven.evaluated, require));
         let likelier =
             |a: &Driven, b: &Driven| nominal.plans[b.plan].probability > nominal.plans[a.plan].probability;
         let likeliest = failures.reduce(|best, other| if likelier(best, other) { other } else { best });
@@ -132,15 +140,19 @@ impl RateRow {
             let driven = is_driven(k);
             GoalRow {
                 goal: plan.proposal.goal,
+                shift: plan.shift,
                 probability: plan.probability,
                 is_clear: plan.is_clear,
-                inclusion: driven.map(|driven| driven.inclusion),
+                inclusion: of.inclusions[k],
                 outcome: driven.map(|driven| Outcome::of(driven, require)),
             }
         });
         Self {
             require,
-            temperature: of.temperature,
+            given: headline,
+            temperature: of.rate.density.temperature,
+            shifts: of.rate.density.shifts.clone(),
+            aware: of.rate.density.is_aware,
             plans: nominal.all,
             feasible_plans: nominal.plans.len(),
             drives: driven.len(),
@@ -153,7 +165,7 @@ impl RateRow {
             likeliest: likeliest.map(|driven| {
                 let plan = &nominal.plans[driven.plan];
                 LikeliestFailure {
-                    probability: plan.probability / mass[&Given::Feasible],
+                    probability: plan.probability / mass[&headline],
                     is_clear: plan.is_clear,
                     trajectory: plan.proposal.trajectory.clone(),
                     contact: driven.evaluated.contact.clone(),
@@ -182,8 +194,8 @@ impl RateRow {
         let of = |given| {
             self.rate(given, "failure").map_or("no plan".to_owned(), |rate| percent(rate.rate) + " %")
         };
-        let clear = Given::ClearOfRecordedEgo;
-        let bounds = match self.rate(clear, "failure").filter(|rate| rate.high > rate.low) {
+        let other = self.given.other();
+        let bounds = match self.rate(self.given, "failure").filter(|rate| rate.high > rate.low) {
             Some(rate) => format!(" ({} to {} for sure)", percent(rate.low), percent(rate.high)),
             None => String::new(),
         };
@@ -192,11 +204,11 @@ impl RateRow {
             count => format!(", {count} with an error"),
         };
         format!(
-            "{} {}: failure {}{bounds}; feasible {}; {} of {} driven{errors}",
+            "{} {}: failure {}{bounds}; {other} {}; {} of {} driven{errors}",
             self.head.scene,
             self.head.ego,
-            of(clear),
-            of(Given::Feasible),
+            of(self.given),
+            of(other),
             self.drives,
             self.feasible_plans
         )

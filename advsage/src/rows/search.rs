@@ -5,20 +5,17 @@ use std::{collections::BTreeMap, path::Path};
 use sage_core::{
     files,
     motion::Trajectory,
-    objective::PersonMet,
     text::{count, escaped_name},
 };
-use sage_sim::{
-    reference::Answer,
-    search::{
-        Clause, Clauses, Deviation, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement,
-        SearchOptions, SearchResult, Variation,
-    },
+use sage_sim::search::{
+    Clause, Clauses, Deviation, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement,
+    SearchOptions, SearchResult,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{
     ROW_LIMIT,
+    evaluated::EvaluatedRow,
     plan::{PlanRow, REFINED},
 };
 use crate::operating_point::RowKey;
@@ -114,7 +111,7 @@ pub struct SceneRow {
     pub worst: Option<FoundFailure>,
     /// The failure whose adversary is driven least differently from the recording.
     pub mildest: Option<FoundFailure>,
-    /// The failure that is likeliest under the prior.
+    /// The likeliest failure.
     pub likeliest: Option<FoundFailure>,
 }
 
@@ -146,57 +143,28 @@ pub struct FoundFailure {
     latest_start: Option<f64>,
     /// How its plan differs from the recording of the adversary.
     deviation: Option<Deviation>,
+    /// Its probability, as in its row.
+    #[serde(default)]
+    probability: Option<f64>,
     /// What explains it, in words.
     #[serde(skip_serializing_if = "Option::is_none")]
     sentence: Option<String>,
+}
+
+/// A probability in words.
+fn percent(probability: f64) -> String {
+    match 100.0 * probability {
+        // Below what is printed, but not 0.
+        small if small > 0.0 && small < 0.01 => "below 0.01 %".to_owned(),
+        0.0 => "0 %".to_owned(),
+        percent => format!("{percent:.2} %"),
+    }
 }
 
 /// A failure of a driver in words, if it is explained.
 pub(super) fn sentence(ego: &str, evaluated: &Evaluated, failure: &Failure) -> Option<String> {
     let after = evaluated.contact.as_ref()?.step as f64 / 10.0;
     Some(failure.explanation.as_ref()?.sentence(ego, after, failure.deviation.as_ref()))
-}
-
-/// What an attacked drive was found to be.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct EvaluatedRow {
-    /// The first contact.
-    pub contact: Option<Met>,
-    /// Which clauses hold.
-    pub clauses: Clauses,
-    /// Reward of the search.
-    pub reward: f64,
-    /// Latest start within the limits of UN R157's driver, s before the contact.
-    pub latest_start_r157: Option<f64>,
-    /// Seconds from the onset of the plan to the latest start; of a person, from when it is in sight and walks to the last full braking.
-    pub human_time: Option<f64>,
-    /// The contact with a pedestrian or cyclist, if the adversary is one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub person: Option<PersonMet>,
-    /// The reference drivers that were asked whether they prevent the contact.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub references: Vec<Answer>,
-    /// What becomes of the failure in each variant of the drive, if that was asked.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub variations: Vec<Variation>,
-}
-
-impl EvaluatedRow {
-    /// The row of a drive.
-    pub fn of(evaluated: &Evaluated) -> Self {
-        let Evaluated { contact, clauses, reward, human_time, person, references, variations, .. } =
-            evaluated;
-        Self {
-            contact: contact.clone(),
-            clauses: *clauses,
-            reward: *reward,
-            latest_start_r157: evaluated.latest_start_r157,
-            human_time: *human_time,
-            person: *person,
-            references: references.clone(),
-            variations: variations.clone(),
-        }
-    }
 }
 
 /// The file of all drives of a scene.
@@ -249,6 +217,7 @@ impl SceneRow {
                 reward: evaluated.reward,
                 latest_start: evaluated.latest_start,
                 deviation: failure.deviation,
+                probability: failure.probability,
                 sentence: sentence(&head.ego, evaluated, failure),
             }
         };
@@ -418,7 +387,10 @@ impl SceneRow {
                 let first = self.first_failure.unwrap_or_default();
                 let words = |failure: &Option<FoundFailure>| {
                     failure.as_ref().map_or(String::new(), |failure| {
-                        format!("{} after {:.1} s", failure.plan.words(), failure.contact_after)
+                        let probability = failure
+                            .probability
+                            .map_or(String::new(), |p| format!(", probability {}", percent(p)));
+                        format!("{} after {:.1} s{probability}", failure.plan.words(), failure.contact_after)
                     })
                 };
                 let [worst, mildest] = [words(&self.worst), words(&self.mildest)];

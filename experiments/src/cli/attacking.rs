@@ -221,8 +221,8 @@ impl GenerateArgs {
 /// 1, for each --selection. `--aggression` of other commands reads the result as `dial.json` in the folder of
 /// the experts. Use scenes that the experts were not fine-tuned on.
 ///
-/// With --nominal the fit is that of a temperature: the one at which the untuned prior is a calibrated density of where recorded
-/// vehicles end. `sage rate` reads it as `nominal.json`.
+/// With --nominal the fit is that of a temperature, the one at which the untuned prior is a calibrated density of where recorded
+/// vehicles end, and of how they are timed on their way. `sage rate` reads both as `nominal.json`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -252,10 +252,10 @@ pub(crate) struct CalibrateArgs {
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
-    /// Fit the temperature of the prior to recorded ends instead of a dial.
+    /// Fit the temperature and the timing of the prior to recorded vehicles instead of a dial.
     #[arg(long, conflicts_with_all = ["selection", "rate", "feasibility", "merger"])]
     pub nominal: bool,
-    /// Scenes for which coverage is reported too, without a fit to them.
+    /// Scenes for which coverage and timing are reported too, without a fit to them.
     #[arg(long, value_name = "PATH", requires = "nominal")]
     pub unseen: Vec<PathBuf>,
     /// Seed of candidates and of procedural scenes.

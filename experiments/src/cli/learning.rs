@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use sage_backbones::features::EdgeKinds;
+use sage_backbones::{candle::Device, device::device, features::EdgeKinds};
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, ReadingArgs, SplitArgs,
@@ -50,6 +50,9 @@ pub(crate) struct PretrainArgs {
     /// JSON file of training options; command-line options override it.
     #[arg(long, help_heading = TRAINING, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Device of the network: cpu, or cuda and cuda:N in a build with the feature `cuda`.
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "cpu", value_parser = device)]
+    pub device: Device,
     /// Seed of the training order and of procedural scenes (default: from --config, else 0).
     #[arg(long, help_heading = RUN, value_name = "S")]
     pub seed: Option<u64>,
@@ -108,6 +111,9 @@ pub(crate) struct FinetuneArgs {
     /// `paper-parts`, `paper-reuse`, or a JSON file as for --config.
     #[arg(long, help_heading = TRAINING, value_name = "NAME", conflicts_with_all = ["config", "preset"])]
     pub variants: Option<String>,
+    /// Device of the network: cpu, or cuda and cuda:N in a build with the feature `cuda`.
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "cpu", value_parser = device)]
+    pub device: Device,
     /// Seed of candidates, pairs, training order and procedural scenes.
     #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
     pub seed: u64,
@@ -145,6 +151,9 @@ pub(crate) struct PredictArgs {
     /// Weights: procedural, waymo, lane-graph, a folder or a file.
     #[arg(long, help_heading = PREDICTION, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
+    /// Device of the network: cpu, or cuda and cuda:N in a build with the feature `cuda`.
+    #[arg(long, help_heading = PREDICTION, value_name = "NAME", default_value = "cpu", value_parser = device)]
+    pub device: Device,
     /// Print one JSON object per line.
     #[arg(long, help_heading = OUTPUT)]
     pub json: bool,

@@ -2,10 +2,14 @@
 
 use std::path::PathBuf;
 
-use advsage::{driver_spec::DriverSpecs, part::Part, references};
+use advsage::{driver_spec::DriverSpecs, part::Part, rate::PROFILES, references};
 use clap::Args;
 use sage_data::dataset::Shard;
-use sage_sim::{fault::FaultRule, rate::Event, search::Requirement};
+use sage_sim::{
+    fault::FaultRule,
+    rate::{Event, Given},
+    search::Requirement,
+};
 
 use super::{
     FolderArgs, PlannerArgs, ReadingArgs,
@@ -21,10 +25,10 @@ use super::{
 /// ones before it. It is printed given that the plan does not touch the recorded ego (so a driver that repeats the recording has rate 0), and
 /// given that it is feasible alone.
 ///
-/// It is no accident rate, and nothing is per kilometre: the scenes are chosen, and this traffic does not look out. A failure that is there without
+/// It is no accident rate, and nothing is per kilometre: the scenes are chosen, and this traffic does not look out (--aware: once). A failure that is there without
 /// any attack is in no rate; rows have it beside.
 ///
-/// The output folder holds a JSON row per scene and driver, with the probability and the outcome of each goal.
+/// The output folder holds a JSON row per scene and driver, with the probability and the outcome of each plan, and a page (`index.html`).
 /// Scenes run in parallel; the same command resumes an interrupted run.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -50,12 +54,21 @@ pub(crate) struct RateArgs {
     /// Comma-separated clauses that make a failure.
     #[arg(long, help_heading = RATE, value_name = "CLAUSES", default_value_t = Requirement::default())]
     pub require: Requirement,
+    /// Condition of the headline and of the likeliest failure: clear-of-recorded-ego or feasible; both are printed.
+    #[arg(long, help_heading = RATE, value_name = "CONDITION", default_value_t = Given::default())]
+    pub given: Given,
     /// Weights whose untuned prior is the density: procedural, waymo, or a folder (default: procedural).
     #[arg(long, help_heading = ATTACK, value_name = "NAME")]
     pub weights: Option<String>,
     /// Temperature of the density (default: that of the weights, at which recorded ends are as frequent as it says).
     #[arg(long, help_heading = ATTACK, value_name = "T")]
     pub temperature: Option<f64>,
+    /// Number of profiles of a goal, equally likely: its trajectory, timed as recorded cars are; 1 is the trajectory alone.
+    #[arg(long, help_heading = ATTACK, value_name = "N", default_value_t = PROFILES)]
+    pub profiles: usize,
+    /// Let the adversary look out, once: plans that touch the ego where the prior expects it are less likely.
+    #[arg(long, help_heading = ATTACK)]
+    pub aware: bool,
     /// Feasibility rule, by its name in `sage list` (default: drivable).
     #[arg(long, help_heading = SELECTION, value_name = "NAME")]
     pub feasibility: Option<Part>,

@@ -74,7 +74,7 @@ pub(crate) enum Keep {
     Mildest,
     /// The one with the largest reward.
     Worst,
-    /// The likeliest one under the prior.
+    /// The one with the largest probability under the motion prior (`docs/rates.md`).
     Likeliest,
     /// All.
     All,

@@ -3,25 +3,25 @@
 
 mod curves;
 mod options;
+mod report;
 
 use std::{sync::Arc, time::Instant};
 
 use advsage::{Registries, weights::NamedNetwork};
 use anyhow::{Context as _, Result, ensure};
-use rayon::prelude::*;
 use sage_backbones::{
-    Backbone, MotionModel,
+    Backbone,
+    backbone::Shared,
+    device,
     features::EdgeKinds,
     parameters::Header,
-    training::{
-        CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, Tunes, finetune,
-    },
+    training::{CheckpointFile, FinetuneOptions, FinetuneRow, Measures, PreparedScene, Tunes, finetune},
     weights::PRIOR_FILE,
 };
 use sage_bench::csv_text::of_table;
 use sage_core::{objective::Objective, scene::SceneData, text::table::Table};
 use sage_generators::DIAL_FILE;
-use sage_merging::{ExpertFile, ExpertSet};
+use sage_merging::ExpertFile;
 use sage_run::{
     Outcome, networks,
     output::{self, Folder, Producer, Run, RunState},
@@ -33,6 +33,7 @@ use serde_json::{Map, Value, json};
 
 use crate::cli::FinetuneArgs;
 use options::{EDGES, Expert, RunOptions};
+use report::Tuned;
 
 /// Maximum number of prepared scenes in memory, about 12 GB.
 const MOST_PREPARED: usize = 8192;
@@ -151,6 +152,7 @@ impl<'a> Job<'a> {
         let loaded =
             with_edges(NamedNetwork::load(&registries.backbones, &args.prior)?, &options, registries)?;
         networks::announce(&loaded);
+        let network = device::on(&*loaded.network, &args.device)?;
         let training = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?;
         let validation = args.dev.as_ref().map(|dev| Scenes::under(std::slice::from_ref(dev))).transpose()?;
         let train = training.read_all()?;
@@ -159,7 +161,7 @@ impl<'a> Job<'a> {
             args,
             options,
             measures,
-            prior: loaded.network.into(),
+            prior: network.into(),
             header: loaded.header,
             failed: training.failure_count() + validation.as_ref().map_or(0, Scenes::failure_count),
             data: scenes::describe(&train),
@@ -252,14 +254,13 @@ impl<'a> Job<'a> {
         })?;
         let content = ExpertFile::content(prior, &weights, options.tunes);
         content.save(&self.header_of(name, options)?, &folder.path().join(format!("{name}.safetensors")))?;
-        let set = ExpertSet::tuned(self.prior.clone(), vec![(name.clone(), weights.clone())], options.tunes)?;
-        let tuned = set.model(weights)?;
-        for (set, scenes) in [("train", &goals.train[..goals.plain]), ("dev", &goals.dev[..])] {
-            if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
-                progress::say(&expectation_message(name, set, scenes.len(), [&before, &after]));
-                reports.push(json!({"expert": name, "set": set, "role_assignments": scenes.len(), "prior": before, "tuned": after}));
+        let expert = Tuned { prior: &self.prior, weights, options, objective };
+        reports.extend(match prior.shared() {
+            Shared::Trajectories => expert.by_modes(name, &goals.train[..goals.plain], &goals.dev)?,
+            Shared::Encodings | Shared::Nothing => {
+                expert.by_own_samples(name, &self.dev, &goals.dev, &self.measures)?
             }
-        }
+        });
         reports.push(json!({"expert": name, "options": options}));
         Ok(())
     }
@@ -283,38 +284,6 @@ impl<'a> Job<'a> {
         }
         Ok(header)
     }
-}
-
-fn expectation_message(name: &str, set: &str, scenes: usize, [before, after]: [&Expectation; 2]) -> String {
-    format!(
-        "{name} on {set} ({scenes} role assignments), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, believable {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
-        before.feasible,
-        after.feasible,
-        before.attack,
-        after.attack,
-        before.believable,
-        after.believable,
-        before.reward,
-        after.reward,
-        before.penalty,
-        after.penalty,
-    )
-}
-
-/// Mean expectations of the prior and of an expert.
-fn expectations(
-    prior: &dyn Backbone,
-    tuned: &dyn MotionModel,
-    scenes: &[PreparedScene],
-) -> Result<Option<[Expectation; 2]>> {
-    if scenes.is_empty() {
-        return Ok(None);
-    }
-    let mean = |policy: &dyn MotionModel| -> Result<Expectation> {
-        let all: Vec<_> = scenes.par_iter().with_max_len(1).map(|scene| scene.expectation(policy)).collect();
-        Expectation::mean(&all.into_iter().collect::<Result<Vec<_>, _>>()?).context("no scene")
-    };
-    Ok(Some([mean(prior)?, mean(tuned)?]))
 }
 
 fn epoch_message(name: &str, r: &FinetuneRow) -> String {

@@ -6,6 +6,7 @@ use advsage::{Registries, weights::NamedNetwork};
 use anyhow::{Context as _, Result};
 use sage_backbones::{
     candidates::Sampling,
+    device,
     prediction::{Predicted, predict},
 };
 use sage_core::{
@@ -38,6 +39,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     }
     let loaded = NamedNetwork::load(&registries.backbones, &args.weights)?;
     networks::announce(&loaded);
+    let network = device::on(&*loaded.network, &args.device)?;
     let mut scene = recording.scene;
     let target = match &args.agent {
         Some(id) => scene.track_index(id),
@@ -45,7 +47,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     }
     .with_context(|| format!("`{}`", args.scene.display()))?;
     let index = SceneIndex::new(scene.map.clone());
-    let features = loaded.network.features(&Observation::of(&scene, &index)?, target, None)?;
+    let features = network.features(&Observation::of(&scene, &index)?, target, None)?;
     if !features.has_lanes {
         progress::say("note: no motor lane is within range of the agent; goals lie on a regular grid");
     }
@@ -60,7 +62,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
         SelectArg::Nms => Sampling::Nms { radius: args.radius },
     };
     let mut rng = Rng::new(args.seed, &scene.id, "prediction");
-    let predicted = predict(&*loaded.network, Arc::new(features), args.k, selection, &mut rng)?;
+    let predicted = predict(&*network, Arc::new(features), args.k, selection, &mut rng)?;
     if predicted.len() < args.k {
         progress::say(&format!("note: the network has only {} modes for this agent", predicted.len()));
     }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use advsage::{Registries, weights::NamedNetwork};
 use anyhow::{Context as _, Result};
 use sage_backbones::{
-    Backbone,
+    Backbone, device,
     parameters::Header,
     training::{EpochRow, Observer, PretrainOptions, pretrain},
     weights::PRIOR_FILE,
@@ -54,6 +54,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         let parameters = loaded.network.parameters().clone();
         network = network.load_parameters(parameters, &format!("weights `{from}`"))?;
     }
+    let network = device::on(&*network, &args.device)?;
     let train = if args.paths.is_empty() {
         Scenes::procedural(args.procedural, options.seed)
     } else {

@@ -2,6 +2,7 @@
 
 mod index;
 mod picture;
+mod player;
 mod scene;
 mod table;
 
@@ -9,10 +10,11 @@ use advsage::{
     Registries,
     driver_spec::{DriverSpec, DriverSpecs},
     ego::{self, Ego},
-    rate::{NamedRate, RateSpec},
+    rate::{DensitySpec, NamedRate, RateSpec, hash},
     rows::{rate::RateRow, search::row_file},
 };
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Result, ensure};
+use sage_core::text::table::Table;
 use sage_data::ReadOptions;
 use sage_run::{
     Outcome, networks,
@@ -20,7 +22,7 @@ use sage_run::{
     progress,
     scene_queue::{self, Input, Report, ReportWords, Scenes, Worked, is_row_of, work_on},
 };
-use sage_sim::{fault::FaultRule, search::Requirement};
+use sage_sim::{fault::FaultRule, rate::Given, search::Requirement};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -36,10 +38,13 @@ struct Identity<'a> {
     weights: &'a str,
     prior: String,
     temperature: f64,
+    shifts: &'a [f64],
+    aware: bool,
     feasibility: Value,
     budget: Option<usize>,
     events: Vec<&'static str>,
     require: Requirement,
+    given: Given,
     references: &'a [String],
     fault: FaultRule,
     adversary: Option<&'a str>,
@@ -73,16 +78,20 @@ impl<'a> Job<'a> {
         }
         let rate = RateSpec {
             weights: args.weights.clone(),
-            temperature: args.temperature,
+            density: DensitySpec {
+                temperature: args.temperature,
+                profiles: args.profiles,
+                aware: args.aware,
+            },
             feasibility: args.feasibility.clone(),
             budget: args.budget.0,
             require: args.require,
+            given: args.given,
             seed: args.seed,
         };
-        let rate = rate.build(registries)?;
-        networks::announce(&rate.prior);
-        progress::say(&format!("note: temperature {:.2}", rate.temperature));
-        rate.notes.iter().for_each(|note| progress::say(&format!("warning: {note}")));
+        let rate = rate.build_with(registries, networks::announce)?;
+        progress::say(&format!("note: temperature {:.2}", rate.density.temperature));
+        rate.density.notes.iter().for_each(|note| progress::say(&format!("warning: {note}")));
         Ok(Self { args, egos, rate })
     }
 
@@ -97,13 +106,16 @@ impl<'a> Job<'a> {
             command: output::command(),
             by: Producer::own(),
             ego: drivers(args).iter().map(ego::identity).collect::<advsage::Result<_>>()?,
-            weights: &rate.prior.name,
-            prior: rate.prior.network.parameters().hash().context("hash of the prior")?,
-            temperature: rate.temperature,
+            weights: &rate.density.weights,
+            prior: hash(&*rate.density.prior)?,
+            temperature: rate.density.temperature,
+            shifts: &rate.density.shifts,
+            aware: rate.density.is_aware,
             feasibility: serde_json::to_value(&rate.rule.objective.spec().feasibility)?,
             budget: rate.spec.budget,
             events: args.event.iter().map(|event| event.name()).collect(),
             require: args.require,
+            given: args.given,
             references: &args.reference,
             fault: args.fault,
             adversary: args.adversary.as_deref(),
@@ -125,6 +137,11 @@ fn picture_file(row: &str) -> String {
     format!("{}.svg", row.trim_end_matches(".json"))
 }
 
+/// Name of the page beside a row that plays its likeliest failure.
+fn page_file(row: &str) -> String {
+    format!("{}.html", row.trim_end_matches(".json"))
+}
+
 pub(crate) fn run(args: &RateArgs, extent: Extent, registries: &Registries) -> Result<Outcome> {
     let job = Job::new(args, registries)?;
     let scenes = Scenes::find(&args.scene, &args.reading.options())?;
@@ -133,7 +150,7 @@ pub(crate) fn run(args: &RateArgs, extent: Extent, registries: &Registries) -> R
     let out = &args.folder.out;
     let outdated = || {
         let of_scenes = own.iter().flat_map(|input: &&Input| job.files(&input.scene));
-        let with_pictures = of_scenes.flat_map(|row| [picture_file(&row), row]);
+        let with_pictures = of_scenes.flat_map(|row| [picture_file(&row), page_file(&row), row]);
         with_pictures.chain([MANIFEST, index::FILE].map(str::to_owned)).collect()
     };
     let run = DatasetRun::start(
@@ -162,9 +179,16 @@ pub(crate) fn run(args: &RateArgs, extent: Extent, registries: &Registries) -> R
         })
         .collect();
     let labels: Vec<&str> = job.egos.iter().map(|ego| &*ego.label).collect();
-    let tables = table::tables(&labels, &args.event, &rows);
+    let tables = table::tables(args.given, &labels, &args.event, &rows);
     if !matches!(extent, Extent::Shard(_)) {
-        index::write(run.folder(), &args.scene, &tables, rows.iter().flatten().flatten())?;
+        let reliability = table::reliability(&job.rate.density.coverage);
+        let with_coverage: Vec<Table> = tables.iter().cloned().chain(reliability).collect();
+        index::write(
+            run.folder(),
+            (args.given, args.aware),
+            &with_coverage,
+            rows.iter().flatten().flatten(),
+        )?;
     }
     match extent {
         Extent::Shard(shard) => run.finish_shard(shard, records)?,

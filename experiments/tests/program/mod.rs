@@ -1,6 +1,6 @@
 //! Runs the real binary in tests.
 
-#![allow(dead_code)] // Each test program uses a part of it.
+#![allow(dead_code, clippy::print_stderr)] // Each test program uses a part of it.
 
 mod snapshots;
 
@@ -28,6 +28,16 @@ pub fn example() -> String {
 
 pub fn run(program: &Path, arguments: &[&str]) -> Output {
     Command::new(program).args(arguments).env_remove("SAGE_WEIGHTS").output().unwrap()
+}
+
+/// An example program; none where only the tests of this crate were built.
+pub fn own(name: &str) -> Option<PathBuf> {
+    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join(name);
+    if !program.exists() {
+        eprintln!("left out: `{}` is built by `cargo test --workspace` alone", program.display());
+        return None;
+    }
+    Some(program)
 }
 
 pub fn sage(arguments: &[&str]) -> Output {

@@ -2,7 +2,7 @@
 
 use std::f32::consts::FRAC_PI_2;
 
-use candle_core::{Device, Result, Tensor};
+use candle_core::{Result, Tensor};
 
 use super::trajectory_batch::{
     Boxes, Clearance, FAR, LANES, Lanes, NEVER, TrajectoryBatch, greater, lanes, less,
@@ -48,7 +48,7 @@ pub(crate) fn describe(points: &Tensor, features: &Features) -> Result<Option<Te
             }
         },
     );
-    Ok(Some(Tensor::from_vec(rows, (n, COLUMNS), &Device::Cpu)?.to_dtype(points.dtype())?))
+    Ok(Some(Tensor::from_vec(rows, (n, COLUMNS), points.device())?.to_dtype(points.dtype())?))
 }
 
 /// Input columns of a batch of trajectories.

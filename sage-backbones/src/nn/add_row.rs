@@ -5,7 +5,10 @@ use candle_core::{
     CpuStorage, CustomOp2, InplaceOp2, Layout, Result, Shape, Tensor, backend::BackendStorage as _,
 };
 
-use super::real::{BlockSums, Real, by_dtype, slice, slice_mut, with_slice};
+use super::{
+    composed::{self, is_composed},
+    real::{BlockSums, Real, by_dtype, slice, slice_mut, with_slice},
+};
 
 struct AddRow;
 
@@ -13,12 +16,15 @@ struct AddRow;
 ///
 /// *Shapes*: `x` (n, d), `row` (d) or (1, d); result (n, d).
 pub fn add_row(x: &Tensor, row: &Tensor) -> Result<Tensor> {
+    if is_composed(x) {
+        return composed::add_row(x, row);
+    }
     x.contiguous()?.apply_op2(&row.contiguous()?, AddRow)
 }
 
 /// [`add_row`] for a tensor that no other code reads. It is overwritten if no gradient needs it.
 pub(super) fn add_row_in_place(x: Tensor, row: &Tensor) -> Result<Tensor> {
-    if x.track_op() || row.track_op() {
+    if x.track_op() || row.track_op() || is_composed(&x) {
         return add_row(&x, row);
     }
     x.inplace_op2(&row.contiguous()?, &AddRow)?;

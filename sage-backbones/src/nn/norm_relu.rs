@@ -6,12 +6,10 @@ use candle_core::{
 };
 
 use super::{
+    composed::{self, EPSILON, is_composed},
     groups::Groups,
     real::{BlockSums, Real, by_dtype, slice, slice_mut, sum, wide, with_slice},
 };
-
-/// Added to the variance.
-const EPSILON: f64 = 1e-5;
 
 /// Without groups, one row of biases is for all rows.
 struct NormRelu(Option<Groups>);
@@ -21,6 +19,9 @@ struct NormRelu(Option<Groups>);
 ///
 /// *Shapes*: `x` (n, d), `bias` (d) or (1, d), `scale` (2, d) = γ over β; result (n, d).
 pub fn norm_relu(x: &Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
+    if is_composed(x) {
+        return composed::norm_relu(x, bias, scale, None);
+    }
     x.contiguous()?.apply_op3(&bias.contiguous()?, &scale.contiguous()?, NormRelu(None))
 }
 
@@ -43,6 +44,9 @@ pub(super) fn norm_relu_in_place(x: Tensor, bias: &Tensor, scale: &Tensor) -> Re
 }
 
 fn run(x: Tensor, bias: &Tensor, scale: &Tensor, op: NormRelu) -> Result<Tensor> {
+    if is_composed(&x) {
+        return composed::norm_relu(&x, bias, scale, op.0.as_ref());
+    }
     if x.track_op() || bias.track_op() || scale.track_op() {
         return x.contiguous()?.apply_op3(&bias.contiguous()?, &scale.contiguous()?, op);
     }

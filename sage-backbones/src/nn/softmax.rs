@@ -4,7 +4,10 @@ use candle_core::{
     CpuStorage, CustomOp1, InplaceOp1, Layout, Result, Shape, Tensor, backend::BackendStorage as _,
 };
 
-use super::real::{Real, by_dtype, slice, slice_mut, sum, wide, with_slice};
+use super::{
+    composed::{self, is_composed},
+    real::{Real, by_dtype, slice, slice_mut, sum, wide, with_slice},
+};
 
 struct Softmax {
     scale: f64,
@@ -16,12 +19,15 @@ struct LogSoftmax;
 ///
 /// *Shapes*: `x` (…, n); result the same.
 pub fn softmax(x: &Tensor, scale: f64) -> Result<Tensor> {
+    if is_composed(x) {
+        return composed::softmax(x, scale);
+    }
     x.contiguous()?.apply_op1(Softmax { scale })
 }
 
 /// [`softmax`] for a tensor that no other code reads. It is overwritten if no gradient needs it.
 pub(super) fn softmax_in_place(x: Tensor, scale: f64) -> Result<Tensor> {
-    if x.track_op() {
+    if x.track_op() || is_composed(&x) {
         return softmax(&x, scale);
     }
     x.inplace_op1(&Softmax { scale })?;
@@ -32,6 +38,9 @@ pub(super) fn softmax_in_place(x: Tensor, scale: f64) -> Result<Tensor> {
 ///
 /// *Shapes*: `x` (…, n); result the same.
 pub fn log_softmax(x: &Tensor) -> Result<Tensor> {
+    if is_composed(x) {
+        return composed::log_softmax(x);
+    }
     x.contiguous()?.apply_op1(LogSoftmax)
 }
 

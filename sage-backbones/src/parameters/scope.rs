@@ -1,14 +1,15 @@
 //! Access of layers to their tensors. The same constructor of a network lists its parameters and loads them.
 
-use std::{cell::RefCell, rc::Rc};
+use std::sync::{Arc, Mutex, PoisonError};
 
-use candle_core::{DType, Device, Result, Tensor};
+use candle_core::{DType, Device, Result, Shape, Tensor};
+use candle_nn::{VarBuilder, var_builder::SimpleBackend};
 
 use super::{Init, ParameterSpec, Parameters};
 
 enum Source {
     /// Records each requested tensor.
-    Listing(RefCell<Vec<ParameterSpec>>),
+    Listing(Mutex<Vec<ParameterSpec>>),
     /// Returns the given tensors.
     Loading(Parameters),
 }
@@ -37,25 +38,27 @@ enum Source {
 /// ```
 #[derive(Clone)]
 pub struct Scope {
-    source: Rc<Source>,
+    source: Arc<Source>,
     prefix: String,
 }
 
 impl Scope {
     /// The root over given parameters.
     pub fn of(parameters: &Parameters) -> Self {
-        Self { source: Rc::new(Source::Loading(parameters.clone())), prefix: String::new() }
+        Self { source: Arc::new(Source::Loading(parameters.clone())), prefix: String::new() }
     }
 
     /// All tensors that a constructor requests, sorted by name.
     ///
     /// *Errors*: those of the constructor.
     pub fn list<N>(build: impl FnOnce(&Self) -> Result<N>) -> Result<Vec<ParameterSpec>> {
-        let source = Rc::new(Source::Listing(RefCell::default()));
+        let source = Arc::new(Source::Listing(Mutex::default()));
         build(&Self { source: source.clone(), prefix: String::new() })?;
         let Source::Listing(specs) = &*source else { return Ok(Vec::new()) };
-        let mut specs = specs.take();
+        let mut specs = std::mem::take(&mut *specs.lock().unwrap_or_else(PoisonError::into_inner));
         specs.sort_by(|a, b| a.name.cmp(&b.name));
+        // Two layers may share a tensor.
+        specs.dedup_by(|a, b| a.name == b.name && a.shape == b.shape);
         Ok(specs)
     }
 
@@ -73,7 +76,11 @@ impl Scope {
         let name = self.at(name).prefix;
         match &*self.source {
             Source::Listing(specs) => {
-                specs.borrow_mut().push(ParameterSpec { name, shape: shape.to_vec(), init });
+                specs.lock().unwrap_or_else(PoisonError::into_inner).push(ParameterSpec {
+                    name,
+                    shape: shape.to_vec(),
+                    init,
+                });
                 Tensor::zeros(shape, DType::F32, &Device::Cpu)
             }
             Source::Loading(parameters) => match parameters.get(&name) {
@@ -83,6 +90,63 @@ impl Scope {
                 }
                 None => candle_core::bail!("tensor `{name}` is missing"),
             },
+        }
+    }
+
+    /// From what a layer of candle-nn or candle-transformers takes its tensors at this node:
+    ///
+    /// ```
+    /// use sage_backbones::{
+    ///     candle::Result,
+    ///     candle_nn::{self, Linear},
+    ///     parameters::Scope,
+    /// };
+    ///
+    /// fn layer(scope: &Scope) -> Result<Linear> {
+    ///     candle_nn::linear(3, 2, scope.at("head").var_builder())
+    /// }
+    /// assert_eq!(Scope::list(layer)?[1].name, "head.weight");
+    /// # Ok::<(), sage_backbones::candle::Error>(())
+    /// ```
+    pub fn var_builder(&self) -> VarBuilder<'static> {
+        let (dtype, device) = match &*self.source {
+            Source::Listing(_) => (DType::F32, Device::Cpu),
+            Source::Loading(parameters) => (parameters.dtype(), parameters.device().clone()),
+        };
+        VarBuilder::from_backend(Box::new(self.clone()), dtype, device)
+    }
+}
+
+/// Names that candle joined are those of this node's children.
+impl SimpleBackend for Scope {
+    fn get(
+        &self,
+        shape: Shape,
+        name: &str,
+        init: candle_nn::Init,
+        dtype: DType,
+        device: &Device,
+    ) -> Result<Tensor> {
+        self.tensor(name, shape.dims(), Init::of_candle(init, &shape))?.to_dtype(dtype)?.to_device(device)
+    }
+
+    fn get_unchecked(&self, name: &str, dtype: DType, device: &Device) -> Result<Tensor> {
+        let name = self.at(name).prefix;
+        match &*self.source {
+            Source::Loading(parameters) => match parameters.get(&name) {
+                Some(tensor) => tensor.to_dtype(dtype)?.to_device(device),
+                None => candle_core::bail!("tensor `{name}` is missing"),
+            },
+            Source::Listing(_) => candle_core::bail!("tensor `{name}` is asked for without a shape"),
+        }
+    }
+
+    fn contains_tensor(&self, name: &str) -> bool {
+        let name = self.at(name).prefix;
+        match &*self.source {
+            Source::Loading(parameters) => parameters.get(&name).is_some(),
+            // What a layer asks for only if it is there is not a parameter.
+            Source::Listing(_) => false,
         }
     }
 }

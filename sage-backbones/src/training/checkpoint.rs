@@ -28,7 +28,8 @@ pub struct EpochRow {
     pub rate: f64,
     /// Validation: mean least end distance of six goals after non-maximum suppression, metres.
     pub min_fde6: f64,
-    /// Validation: mean negative log-likelihood of the goal nearest to the recorded end point.
+    /// Validation: mean negative log-likelihood of the goal nearest to the recorded end point; the mean loss, if the network has a
+    /// likelihood of trajectories.
     pub nll: f64,
     /// Duration, seconds.
     pub seconds: f64,

@@ -131,6 +131,9 @@ pub(super) fn run<T: Task>(
                 return Ok((rows, true));
             }
         }
+        if rows.is_empty() && epoch.norms > 0.0 {
+            trainer.check_reached()?;
+        }
         let row = task.row(trainer, epoch)?;
         task.after_epoch(trainer, &rows, &row)?;
         rows.push(row);

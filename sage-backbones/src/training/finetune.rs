@@ -2,31 +2,27 @@
 //!
 //! For each scene, candidates are drawn from the present policy and paired by feasibility and reward
 //! ([`sage_core::preference_pairs`]). The loss of a pair is `−ln σ(kl_beta · (Δ − Δ_ref))`. `Δ` is the
-//! difference of the log-probabilities of winner and loser under the policy; `Δ_ref` is that under the prior,
-//! at the same goals. Everything that fine-tuning does not change is computed once: encodings, the
-//! trajectories of all goals, and their terms of the experts' objectives. With [`Tunes::All`] the encoder is
+//! difference of the log-probabilities of winner and loser under the policy, or of a network's own measure
+//! ([`crate::backbone::TrajectoryLikelihood`]); `Δ_ref` is that under the prior, at the same goals. Everything that
+//! fine-tuning does not change is computed once: encodings, the trajectories of all goals, and their terms of the experts' objectives. With [`Tunes::All`] the encoder is
 //! tuned too, and the policy encodes each scene again; the trajectories stay the prior's.
 
 use std::collections::BTreeSet;
 
-use candle_core::{Device, Tensor};
-use sage_core::{
-    objective::Objective,
-    preference_pairs::{ScoredCandidate, preference_pairs},
-    seed::Rng,
-};
+use candle_core::Tensor;
+use sage_core::{objective::Objective, seed::Rng};
 use serde::{Deserialize, Serialize};
 
 use super::{
     FinetuneOptions, Gradient, Trainer, Tunes,
     epochs::{self, CheckpointFile, Epoch, LoopOptions, Task},
     goal_table::{ExpertObjective, Measures},
+    mode_pairs::ModePairs,
     prepared_scene::{PreparedScene, numbers},
 };
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Loss, ParameterGroup, finite},
-    candidates::select,
+    backbone::{Backbone, Loss, ParameterGroup, Shared, finite},
     encoding::Encoding,
     nn::AdamWConfig,
     own_encoder::reencode,
@@ -103,6 +99,12 @@ pub fn finetune(
         let is_left_out = group == ParameterGroup::Interaction && !options.interaction_head;
         group.is_finetuned() && !is_left_out || of_encoder.contains(name)
     };
+    if options.tunes == Tunes::All && prior.shared() != Shared::Trajectories {
+        return Err(Error::Option(format!(
+            "`tunes` is `all`, but experts of backbone `{}` have trajectories of their own: its parameter groups say what is tuned",
+            prior.name()
+        )));
+    }
     let mut trainer = Trainer::new(prior, is_tuned, loop_options.config())?;
     let mut task = Preferences { prior, scenes, expert: measures.expert(objective)?, options, callback };
     epochs::run(&mut task, &mut trainer, &loop_options, checkpoint)?;
@@ -153,12 +155,14 @@ impl<H: FnMut(&FinetuneRow) + Sync> Task for Preferences<'_, H> {
         _step: usize,
     ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
         let scene = &self.scenes[*scene];
-        let own = match self.options.tunes {
-            Tunes::Scores => None,
-            Tunes::All => Some(reencode(trainer.network(), self.prior, &scene.encoding)?),
+        let network = trainer.network();
+        let own = match (network.shared(), self.options.tunes) {
+            (Shared::Nothing, _) => Some(network.encode(scene.encoding.shared_features())?),
+            (_, Tunes::Scores) => None,
+            (_, Tunes::All) => Some(reencode(network, self.prior, &scene.encoding)?),
         };
         let encoding = own.as_ref().unwrap_or(&scene.encoding);
-        scene_gradient(trainer, scene, encoding, &self.expert, self.options, epoch)
+        self.scene_gradient(trainer, scene, encoding, epoch)
     }
 
     fn row(&mut self, _: &Trainer, epoch: Epoch<FinetuneRow>) -> Result<FinetuneRow, Error> {
@@ -180,74 +184,59 @@ impl<H: FnMut(&FinetuneRow) + Sync> Task for Preferences<'_, H> {
     }
 }
 
-/// Gradient of one scene, if it has pairs, and the scene's statistics.
-fn scene_gradient(
-    trainer: &Trainer,
-    scene: &PreparedScene,
-    encoding: &Encoding,
-    expert: &ExpertObjective,
-    options: &FinetuneOptions,
-    epoch: u32,
-) -> Result<(Option<Gradient>, FinetuneRow), Error> {
-    let log_probs = trainer.network().log_probs(encoding)?;
-    let what = format!("epoch {epoch}, scene `{}`", scene.name);
-    let policy: Vec<f32> = finite(&log_probs).map_err(|error| match error {
-        Error::NotFinite(problem) => Error::NotFinite(format!("{what}: {problem}")),
-        other => other,
-    })?;
-    // The folder of a scene file must not matter.
-    let own = scene.name.rsplit(['/', '\\']).next().unwrap_or(&scene.name);
-    let mut rng = Rng::new(options.seed, own, &format!("candidates of epoch {epoch}"));
-    let selected = select(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
-    let candidates: Vec<ScoredCandidate> = selected
-        .iter()
-        .map(|&goal| ScoredCandidate {
-            reward: scene.table.value(goal, expert),
-            is_feasible: scene.table.is_feasible(goal),
-        })
-        .collect();
-    let pairs = preference_pairs(&candidates, options.pairing, options.max_pairs, options.margin, &mut rng);
-    let policy: Vec<f64> = policy.iter().map(|p| f64::from(*p)).collect();
-    let expected = scene.expectation_of(&policy);
-    let feasible = selected.iter().filter(|&&goal| scene.table.is_feasible(goal));
-    let mut row = FinetuneRow {
-        pairs: pairs.len() as f64,
-        pairs_by_feasibility: pairs.iter().filter(|p| p.by_feasibility).count() as f64,
-        feasible: feasible.clone().count() as f64 / selected.len().max(1) as f64,
-        best_reward: feasible.map(|&goal| scene.table.reward(goal)).fold(0.0, f64::max),
-        kl: expected.kl,
-        without_pairs: f64::from(u8::from(pairs.is_empty())),
-        expected_feasible: expected.feasible,
-        expected_attack: expected.attack,
-        expected_believable: expected.believable,
-        expected_reward: expected.reward,
-        expected_penalty: expected.penalty,
-        ..FinetuneRow::default()
-    };
-    if pairs.is_empty() {
-        return Ok((None, row));
+impl<H> Preferences<'_, H> {
+    /// Gradient of one scene, if it has pairs, and the scene's statistics.
+    fn scene_gradient(
+        &self,
+        trainer: &Trainer,
+        scene: &PreparedScene,
+        encoding: &Encoding,
+        epoch: u32,
+    ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
+        let options = self.options;
+        let log_probs = trainer.network().log_probs(encoding)?;
+        let what = format!("epoch {epoch}, scene `{}`", scene.name);
+        let policy: Vec<f32> = finite(&log_probs).map_err(|error| match error {
+            Error::NotFinite(problem) => Error::NotFinite(format!("{what}: {problem}")),
+            other => other,
+        })?;
+        let mut rng = scene.rng(options.seed, &format!("candidates of epoch {epoch}"));
+        let (selected, pairs) = scene.pairs(&policy, &self.expert, options, &mut rng);
+        let policy: Vec<f64> = policy.iter().map(|p| f64::from(*p)).collect();
+        let expected = scene.expectation_of(&policy);
+        let feasible = selected.iter().filter(|&&goal| scene.table.is_feasible(goal));
+        let mut row = FinetuneRow {
+            pairs: pairs.len() as f64,
+            pairs_by_feasibility: pairs.iter().filter(|p| p.by_feasibility).count() as f64,
+            feasible: feasible.clone().count() as f64 / selected.len().max(1) as f64,
+            best_reward: feasible.map(|&goal| scene.table.reward(goal)).fold(0.0, f64::max),
+            kl: expected.kl,
+            without_pairs: f64::from(u8::from(pairs.is_empty())),
+            expected_feasible: expected.feasible,
+            expected_attack: expected.attack,
+            expected_believable: expected.believable,
+            expected_reward: expected.reward,
+            expected_penalty: expected.penalty,
+            ..FinetuneRow::default()
+        };
+        if pairs.is_empty() {
+            return Ok((None, row));
+        }
+        let pairs = ModePairs::of(&selected, &pairs);
+        let rng = scene.rng(options.seed, &format!("preferences of epoch {epoch}"));
+        let margins = match trainer.trainable()?.trajectory_likelihood() {
+            None => pairs.by_log_probs(&log_probs, &scene.reference)?,
+            Some(likelihood) => pairs.by_trajectories(likelihood, encoding, self.prior, scene, &rng)?,
+        };
+        let margins = (margins * options.kl_beta)?;
+        let (values, count) = (numbers(&margins)?, pairs.better.len());
+        let loss = Loss::of(vec![("preference", minus_log_sigmoid(&margins)?.mean_all()?)])?;
+        row.loss = loss.parts[0].1;
+        row.margin = values.iter().sum::<f64>() / count as f64;
+        row.accuracy = values.iter().filter(|m| **m > 0.0).count() as f64 / count as f64;
+        let gradient = trainer.gradient(&loss, &what)?;
+        Ok((Some(gradient), row))
     }
-    let goals = |pick: fn(&sage_core::preference_pairs::Pair) -> usize| -> Vec<u32> {
-        pairs.iter().map(|pair| selected[pick(pair)] as u32).collect()
-    };
-    let (winners, losers) = (goals(|p| p.winner), goals(|p| p.loser));
-    let count = pairs.len();
-    let reference: Vec<f64> = winners
-        .iter()
-        .zip(&losers)
-        .map(|(&w, &l)| scene.reference[w as usize] - scene.reference[l as usize])
-        .collect();
-    let select = |goals: Vec<u32>| log_probs.index_select(&Tensor::from_vec(goals, count, &Device::Cpu)?, 0);
-    let difference = (select(winners)? - select(losers)?)?;
-    let reference = Tensor::from_vec(reference, count, &Device::Cpu)?.to_dtype(difference.dtype())?;
-    let margins = ((difference - reference)? * options.kl_beta)?;
-    let values = numbers(&margins)?;
-    let loss = Loss::of(vec![("preference", minus_log_sigmoid(&margins)?.mean_all()?)])?;
-    row.loss = loss.parts[0].1;
-    row.margin = values.iter().sum::<f64>() / count as f64;
-    row.accuracy = values.iter().filter(|m| **m > 0.0).count() as f64 / count as f64;
-    let gradient = trainer.gradient(&loss, &what)?;
-    Ok((Some(gradient), row))
 }
 
 /// `−ln σ(x)`, computed as `max(0, −x) + ln(1 + e^−|x|)`.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Tensor};
 use rayon::prelude::*;
 use sage_core::{
     defect::{self, Defect},
@@ -61,7 +61,7 @@ impl PreparedScene {
         let modes: Vec<usize> = (0..ends.len()).collect();
         let mut trajectories = prior.trajectories(&encoding, &modes)?;
         if mirrored {
-            let signs = Tensor::new(&[1.0, -1.0], &Device::Cpu)?.to_dtype(trajectories.dtype())?;
+            let signs = Tensor::new(&[1.0, -1.0], trajectories.device())?.to_dtype(trajectories.dtype())?;
             trajectories = trajectories.broadcast_mul(&signs)?;
         }
         let trajectories = trajectories_in_world(&trajectories, encoding.features())

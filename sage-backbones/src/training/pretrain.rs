@@ -216,8 +216,11 @@ impl Task for Futures<'_> {
         let data = self.moving.scene(example);
         let network = trainer.trainable()?;
         let sample = self.moving.sample(example, network, *mirrored)?;
-        let loss = network.loss(&sample).map_err(|error| error.of(data, example.track))?;
-        let agent = data.scene.tracks[example.track].id.escape_debug();
+        let agent = &data.scene.tracks[example.track].id;
+        let purpose = format!("loss of `{agent}` in epoch {epoch}, step {step}");
+        let mut rng = Rng::new(self.options.seed, &data.name, &purpose);
+        let loss = network.loss(&sample, &mut rng).map_err(|error| error.of(data, example.track))?;
+        let agent = agent.escape_debug();
         let what = format!("epoch {epoch}, step {step}, scene `{}`, agent `{agent}`", data.name);
         let gradient = trainer.gradient(&loss, &what)?;
         let part = |name: &str| gradient.parts.iter().find(|p| p.0 == name).map_or(0.0, |p| p.1);
@@ -305,7 +308,17 @@ impl Futures<'_> {
             let ends = network.mode_ends(&encoding)?;
             let nearest = labels::nearest(&ends, labels::end(&sample.future, &sample.valid).position);
             let distances = truth.distances(six.iter().map(|p| p.trajectory.points()));
-            Ok((distances.min_fde, -f64::from(log_probs[nearest])))
+            let nll = match network.trajectory_likelihood() {
+                None => -f64::from(log_probs[nearest]),
+                // Its modes are equally likely. The noise is the same in all epochs.
+                Some(_) => {
+                    let agent = &data.scene.tracks[example.track].id;
+                    let mut rng = Rng::new(0, &data.name, &format!("validation of `{agent}`"));
+                    let loss = network.loss(&sample, &mut rng).map_err(named)?;
+                    loss.parts.iter().map(|part| part.1).sum()
+                }
+            };
+            Ok((distances.min_fde, nll))
         };
         let all: Vec<Result<(f64, f64), Error>> =
             self.held_out.list().par_iter().with_max_len(1).map(one).collect();

@@ -1,11 +1,13 @@
 //! One training step: gradients of a batch, in parallel and in a fixed order, and the update of the weights.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use candle_core::{Tensor, Var};
 use rayon::prelude::*;
 
 use crate::{
     Error,
-    backbone::{Backbone, Loss, Trainable},
+    backbone::{Backbone, Loss, ParameterGroup, Trainable},
     nn::{AdamW, AdamWConfig},
     parameters::{Parameters, Variables},
 };
@@ -14,6 +16,8 @@ use crate::{
 pub struct Trainer {
     network: Box<dyn Backbone>,
     variables: Variables,
+    /// Which of the variables have had a gradient.
+    reached: Vec<AtomicBool>,
     /// The optimiser's state.
     pub adam: AdamW,
 }
@@ -45,7 +49,9 @@ impl Trainer {
         config: AdamWConfig,
     ) -> Result<Self, Error> {
         let (parameters, variables) = network.parameters().variables(trained)?;
-        Ok(Self { network: network.with_parameters(parameters)?, variables, adam: AdamW::new(config) })
+        let reached = variables.iter().map(|_| AtomicBool::new(false)).collect();
+        let network = network.with_parameters(parameters)?;
+        Ok(Self { network, variables, reached, adam: AdamW::new(config) })
     }
 
     /// The network, whose results carry gradients.
@@ -81,7 +87,7 @@ impl Trainer {
     pub fn set_weights(&self, weights: &Parameters) -> Result<(), Error> {
         for (name, variable) in self.variables.iter() {
             match weights.get(name) {
-                Some(tensor) => variable.set(&tensor.copy()?)?,
+                Some(tensor) => variable.set(&tensor.to_device(variable.device())?.copy()?)?,
                 None => return Err(Error::Mismatch(format!("the checkpoint has no tensor `{name}`"))),
             }
         }
@@ -103,16 +109,38 @@ impl Trainer {
             }
         }
         let store = loss.total.backward()?;
-        let numbers = |(name, variable): (&str, &Var)| -> Result<Vec<f32>, Error> {
+        let numbers = |((name, variable), reached): ((&str, &Var), &AtomicBool)| -> Result<Vec<f32>, Error> {
             let Some(gradient) = store.get(variable) else { return Ok(vec![0.0; variable.elem_count()]) };
+            reached.store(true, Ordering::Relaxed);
             let values = gradient.flatten_all()?.to_vec1::<f32>()?;
             match values.iter().find(|x| !x.is_finite()) {
                 Some(bad) => Err(Error::NotFinite(format!("{what}: the gradient of `{name}` holds {bad}"))),
                 None => Ok(values),
             }
         };
-        let values = self.variables.iter().map(numbers).collect::<Result<_, _>>()?;
+        let values = self.variables.iter().zip(&self.reached).map(numbers).collect::<Result<_, _>>()?;
         Ok(Gradient { loss: loss.parts.iter().map(|part| part.1).sum(), parts: loss.parts.clone(), values })
+    }
+
+    /// Checks that each variable has had a gradient, but for those that need not have one
+    /// ([`ParameterGroup::Interaction`], [`ParameterGroup::WithoutEffect`]).
+    ///
+    /// *Errors*: [`Error::NothingToTrain`] with the first that has had none.
+    pub fn check_reached(&self) -> Result<(), Error> {
+        let needs = |name: &str| {
+            let group = self.network.parameter_group(name);
+            !matches!(group, ParameterGroup::Interaction | ParameterGroup::WithoutEffect)
+        };
+        for ((name, _), reached) in self.variables.iter().zip(&self.reached) {
+            if needs(name) && !reached.load(Ordering::Relaxed) {
+                return Err(Error::NothingToTrain(format!(
+                    "no gradient has come to tensor `{name}` of backbone `{}`: the loss does not depend on it, or an operation drops \
+                     gradients, as the fused layer norm and softmax of candle-nn do",
+                    self.network.name()
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Gradients of many items on all threads, in the order of the items.

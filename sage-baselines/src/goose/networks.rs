@@ -4,8 +4,6 @@
 //! - [`GooseWeights`] holds encoder and actor, read from one file, and gives the actor's action.
 //! - [`training`] trains the encoder by the gradient that the training of the actor passes on.
 
-mod gru;
-mod sequences;
 pub mod training;
 mod weights;
 

@@ -6,11 +6,9 @@
 //!
 //! [`SealWeights`] holds the parts that a generator needs, read from one file. [`training`] trains the parts.
 
-mod batch_norm;
 mod coupling;
 mod criticality;
 mod leaky_relu;
-mod lstm;
 mod prior;
 mod skill_windows;
 mod skills;

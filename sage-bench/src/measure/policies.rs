@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use sage_backbones::{
     MotionModel,
+    backbone::Shared,
     metrics::{PolicyMeasures, with_rewards},
     training::{Measures, PreparedScene},
 };
@@ -56,7 +57,11 @@ impl Policies {
         let objectives: Vec<&Objective> = rewards.iter().map(|(_, objective)| objective).collect();
         let measures = Measures::of(&objectives, &registries.parts.rewards, &registries.parts.feasibilities)?;
         let (mut keys, mut all) = (Vec::new(), Vec::new());
-        for group in groups.into_iter().filter(|group| group.merger.keeps_modes()) {
+        // Expectations are over the prior's modes.
+        let keeps_modes = |group: &Group| {
+            group.merger.keeps_modes() && group.experts.prior().shared() == Shared::Trajectories
+        };
+        for group in groups.into_iter().filter(keeps_modes) {
             let first = keys.len();
             let mut models: Vec<Arc<dyn MotionModel>> = Vec::new();
             let key = |arm: &str| Key {

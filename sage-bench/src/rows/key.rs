@@ -24,6 +24,8 @@ pub enum Subject {
     Prediction,
     /// A search for what a driver fails at.
     Search,
+    /// How likely a driver fails under a nominal density.
+    Rate,
     /// How much it takes until a driver fails: one plan at each λ.
     Threshold,
     /// A plan that was made against one driver, driven by another.
@@ -32,7 +34,7 @@ pub enum Subject {
 
 impl Subject {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Drive,
         Self::AttackedDrive,
         Self::Trajectory,
@@ -40,6 +42,7 @@ impl Subject {
         Self::Episode,
         Self::Prediction,
         Self::Search,
+        Self::Rate,
         Self::Threshold,
         Self::Transfer,
     ];
@@ -54,6 +57,7 @@ impl Subject {
             Self::Episode => "Episodes:",
             Self::Prediction => "Predictions:",
             Self::Search => "Searches with the driver in the loop:",
+            Self::Rate => "How likely drivers fail under a nominal density:",
             Self::Threshold => "Thresholds of lambda:",
             Self::Transfer => "Plans that were made against one driver, driven by another:",
         }
@@ -69,6 +73,7 @@ impl Subject {
             Self::Episode => "episode",
             Self::Prediction => "prediction",
             Self::Search => "search",
+            Self::Rate => "rate",
             Self::Threshold => "threshold",
             Self::Transfer => "transfer",
         }

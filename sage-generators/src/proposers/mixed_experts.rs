@@ -10,7 +10,7 @@ use sage_backbones::{
     Backbone, MotionModel,
     backbone::{finite, trajectories_in_world},
     candidates::{Sampling, drawn, select},
-    candle::{Device, Tensor},
+    candle::Tensor,
     encoding::Encoding,
     features::{FORECAST_STEPS, STRIDE},
     forecast::features_with_forecast,
@@ -304,7 +304,7 @@ impl Encoded {
             );
         }
         let modes: Vec<usize> = retimed_modes.iter().map(|p| p.mode).collect();
-        let points = Tensor::from_vec(points, (modes.len(), FORECAST_STEPS, 2), &Device::Cpu)?;
+        let points = Tensor::from_vec(points, (modes.len(), FORECAST_STEPS, 2), log_probs.device())?;
         let points = points.to_dtype(log_probs.dtype())?;
         let found = model.log_probs_along(encoding, log_probs, &modes, &points)?;
         for (retimed, log_prob) in retimed_modes.iter_mut().zip(finite::<f32>(&found)?) {

@@ -237,9 +237,12 @@ def rate(
     *,
     budget: int | None = 64,
     require: str | None = None,
+    given: str = "clear-of-recorded-ego",
     events: Sequence[str] | None = None,
     weights: str | None = None,
     temperature: float | None = None,
+    profiles: int | None = None,
+    aware: bool = False,
     feasibility: str | None = None,
     references: Sequence[str] | None = None,
     seed: int = 0,
@@ -248,8 +251,9 @@ def rate(
     """How likely a driver fails in scenes, if the adversary moves as an untuned motion prior says.
 
     `budget` plans are driven against in each scene, likelier ones more often; `None` drives all, and the rates are exact. `events`
-    are "contact", "failure" (by `require`, as for `search`) and names of clauses. The density is that of the prior of `weights`, at
-    its own `temperature` if none is given. Rates are no accident rates: scenes are chosen, and the adversary does not look out. A
+    are "contact", "failure" (by `require`, as for `search`) and names of clauses; `likeliest` is the likeliest failure under the
+    condition `given`. The density is that of the prior of `weights`, at its own `temperature` if none is given, with `profiles` of a
+    goal (5 if none is given); with `aware` the adversary looks out once, *now*. Rates are no accident rates: scenes are chosen. A
     scene that cannot be read or rated is in `errors` of the result.
     """
     names: list[str] = []
@@ -260,9 +264,12 @@ def rate(
         ego,
         budget=budget,
         require=require,
+        given=given,
         events=events and list(events),
         weights=weights,
         temperature=temperature,
+        profiles=profiles,
+        aware=aware,
         feasibility=feasibility,
         references=references and list(references),
         seed=seed,

@@ -1,7 +1,7 @@
 //! Systematic sampling of plans along a curve: the estimator of a rate.
 //!
 //! Plans are ordered along a Hilbert curve of their ends, so that neighbours in the order are neighbours on the map and mostly have the
-//! same outcome. Each is driven with a probability that is proportional to its own, all by one random start, and its outcome is
+//! same outcome. Each is driven with a probability of inclusion, all by one random start, and its outcome is
 //! weighted by the inverse (Horvitz and Thompson 1952): the estimate has no bias, and with enough drives all are driven and it is exact.
 
 use sage_core::geometry::Point;

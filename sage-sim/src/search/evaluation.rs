@@ -75,7 +75,7 @@ impl Evaluated {
     }
 
     /// A drive that ended in an error of the driver.
-    pub(super) fn failed(plan: usize, error: String) -> Self {
+    pub(crate) fn failed(plan: usize, error: String) -> Self {
         Self { error: Some(error), ..Self::of(plan) }
     }
 

@@ -80,6 +80,7 @@ pub(super) fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study
         Subject::Search,
         Subject::Threshold,
         Subject::Transfer,
+        Subject::Rate,
     ];
     let is_driven = of_drives.iter().any(|subject| study.measures(*subject));
     if !study.ego.is_empty() && !is_driven {

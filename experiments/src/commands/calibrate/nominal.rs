@@ -1,18 +1,27 @@
-//! `sage calibrate --nominal`: the temperature at which a prior is a calibrated density of where vehicles go.
+//! `sage calibrate --nominal`: the temperature at which a prior is a calibrated density of where vehicles go, and how they are timed.
+
+mod meetings;
 
 use advsage::{
     Registries,
-    rate::{Coverage, LEVELS, NOMINAL_FILE, NominalCard, RecordedEnd, fitted_temperature, hash},
+    rate::{
+        Coverage, Density, LEVELS, NOMINAL_FILE, NominalCard, PROFILES, RecordedEnd, RecordedTiming, Timing,
+        TimingGain, fitted_spread, fitted_temperature, gains, hash,
+    },
+    search,
     weights::NamedNetwork,
 };
 use anyhow::{Result, ensure};
+use sage_backbones::Backbone;
+use sage_bench::estimate::Samples;
 use sage_core::{
     generator::Observation,
+    metric::Aggregate,
     motion::{HORIZON, NOW},
     scene::SceneData,
     statistics::{self, wilson},
 };
-use sage_generators::goal_density;
+use sage_generators::{TimedPath, goal_density, trajectory_to};
 use sage_run::{
     Outcome,
     output::{self, OutputFile},
@@ -29,23 +38,75 @@ pub(super) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     let out = OutputFile::claim(&args.out, args.force)?;
     let prior = NamedNetwork::load(&registries.backbones, &args.weights)?;
     let scenes = Scenes::of(&args.paths, &args.split.filter(), args.procedural, args.seed)?.attackable()?;
-    let ends_of = ends(&prior, &scenes)?;
-    let adversaries = &ends_of[Role::Adversary as usize];
+    let fit = Recorded::of(&*prior.network, &scenes)?;
+    let adversaries = &fit.ends[Role::Adversary as usize];
     ensure!(!adversaries.is_empty(), "no recorded adversary is valid at the end of its scene");
     // The density is that of the adversary's plans.
     let temperature = fitted_temperature(adversaries);
-    let mut coverage: Vec<Coverage> = Role::ALL
-        .map(|role| covered(&ends_of, role, temperature, scenes.describe(), role == Role::Adversary))
-        .into();
+    let timing = Timing::of(&fit.timings);
+    let shifts = timing.as_ref().map_or(vec![0.0], |timing| timing.shifts(PROFILES));
+    let spreads = [fitted_spread(&fit.timings, &[0.0]), fitted_spread(&fit.timings, &shifts)];
+    let (weights, prior) = (prior.name, prior.network.into());
+    let density = Density {
+        weights,
+        prior,
+        temperature,
+        shifts,
+        is_aware: false,
+        coverage: Vec::new(),
+        notes: Vec::new(),
+    };
+    let rule = search::rule(registries, None)?;
+    let (mut coverage, mut timing_gain, mut met) = (Vec::new(), Vec::new(), Vec::new());
+    let mut report = |recorded: &Recorded, scenes: &Scenes, fitted: bool| -> Result<()> {
+        for role in Role::ALL.into_iter().filter(|role| !recorded.ends[*role as usize].is_empty()) {
+            let is_fitted = fitted && role == Role::Adversary;
+            coverage.push(covered(&recorded.ends, role, temperature, scenes.describe(), is_fitted));
+        }
+        let gains = gains(&recorded.timings, &density.shifts, spreads);
+        timing_gain.extend(gain(&gains, scenes.describe(), fitted));
+        met.extend(meetings::meetings(&density, &rule, scenes)?);
+        Ok(())
+    };
+    report(&fit, &scenes, true)?;
     if !args.unseen.is_empty() {
         let unseen = Scenes::under(&args.unseen)?.attackable()?;
-        let ends_of = ends(&prior, &unseen)?;
-        coverage.extend(Role::ALL.map(|role| covered(&ends_of, role, temperature, unseen.describe(), false)));
+        report(&Recorded::of(&*density.prior, &unseen)?, &unseen, false)?;
     }
     for coverage in &coverage {
         progress::say(&words(coverage, temperature));
     }
-    let card = NominalCard { temperature, prior: hash(&prior)?, command: output::command(), coverage };
+    for gain in &timing_gain {
+        let [value, low, high] = gain.nats;
+        progress::say(&format!(
+            "{} timings of adversaries of {}{}: {PROFILES} are {value:.2} nats [{low:.2}, {high:.2}] likelier than one",
+            gain.tracks,
+            gain.scenes,
+            if gain.fitted { ", fitted" } else { "" },
+        ));
+    }
+    for met in &met {
+        let share = |[value, low, high]: [f64; 3]| {
+            format!("{:.1} % [{:.1}, {:.1}]", 100.0 * value, 100.0 * low, 100.0 * high)
+        };
+        progress::say(&format!(
+            "{} adversaries of {}, {}: contact with the recorded ego {}, PET below 1 s {}",
+            met.adversaries,
+            met.scenes,
+            met.whose,
+            share(met.contact),
+            share(met.near_miss),
+        ));
+    }
+    let card = NominalCard {
+        temperature,
+        prior: hash(&*density.prior)?,
+        command: output::command(),
+        coverage,
+        timing,
+        timing_gain,
+        meetings: met,
+    };
     out.write((serde_json::to_string_pretty(&card)? + "\n").as_bytes())?;
     progress::say(&format!(
         "the temperature is in `{}`; `sage rate` reads it as `{NOMINAL_FILE}` in the folder of the weights",
@@ -72,28 +133,68 @@ impl Role {
     }
 }
 
-/// Where the adversary and the ego of each scene were recorded to end, by role, in the density of a prior.
-fn ends(prior: &NamedNetwork, scenes: &Scenes) -> Result<[Vec<RecordedEnd>; 2]> {
-    let mut progress = Progress::new("read", scenes.len());
-    let of_scene = |data: &SceneData| -> Result<[Option<RecordedEnd>; 2]> {
-        let now = Observation::of(&data.scene, &data.index)?;
-        let end = |track: usize| -> Result<Option<RecordedEnd>> {
-            let recorded = &data.scene.tracks[track];
-            if recorded.valid.get(LAST) != Some(&true) {
-                return Ok(None);
-            }
-            Ok(RecordedEnd::of(goal_density(&*prior.network, &now, track)?, recorded.point(LAST)))
+/// What is recorded of the vehicles of scenes, in the density of a prior.
+#[derive(Default)]
+struct Recorded {
+    /// Where adversaries and egos ended, by role.
+    ends: [Vec<RecordedEnd>; 2],
+    /// How adversaries were timed.
+    timings: Vec<RecordedTiming>,
+}
+
+impl Recorded {
+    fn of(prior: &dyn Backbone, scenes: &Scenes) -> Result<Self> {
+        let mut progress = Progress::new("read", scenes.len());
+        let of_scene = |data: &SceneData| -> Result<([Option<RecordedEnd>; 2], Option<RecordedTiming>)> {
+            let now = Observation::of(&data.scene, &data.index)?;
+            let end = |track: usize| -> Result<Option<RecordedEnd>> {
+                let recorded = &data.scene.tracks[track];
+                if recorded.valid.get(LAST) != Some(&true) {
+                    return Ok(None);
+                }
+                Ok(RecordedEnd::of(goal_density(prior, &now, track)?, recorded.point(LAST)))
+            };
+            let adversary = data.scene.adversary_index()?;
+            Ok(([end(adversary)?, end(data.scene.ego)?], timing(prior, &now, data, adversary)?))
         };
-        Ok([end(data.scene.adversary_index()?)?, end(data.scene.ego)?])
-    };
-    let all = scenes.map(of_scene, || progress.step())?;
-    progress.finish(&format!("{} scenes", all.len()));
-    let [mut adversaries, mut egos] = [Vec::new(), Vec::new()];
-    for [adversary, ego] in all {
-        adversaries.extend(adversary);
-        egos.extend(ego);
+        let all = scenes.map(of_scene, || progress.step())?;
+        progress.finish(&format!("{} scenes", all.len()));
+        let mut recorded = Self::default();
+        for (ends, timing) in all {
+            for (of_role, end) in recorded.ends.iter_mut().zip(ends) {
+                of_role.extend(end);
+            }
+            recorded.timings.extend(timing);
+        }
+        Ok(recorded)
     }
-    Ok([adversaries, egos])
+}
+
+/// How an adversary was timed beside the trajectory of the goal nearest to its end; `None` if a frame of its future is missing.
+fn timing(
+    prior: &dyn Backbone,
+    now: &Observation,
+    data: &SceneData,
+    adversary: usize,
+) -> Result<Option<RecordedTiming>> {
+    let recorded = &data.scene.tracks[adversary];
+    if !(NOW..=LAST).all(|frame| recorded.valid.get(frame) == Some(&true)) {
+        return Ok(None);
+    }
+    let Some(to_end) = trajectory_to(prior, now, adversary, recorded.point(LAST))? else {
+        return Ok(None);
+    };
+    let path = TimedPath::new(recorded.point(NOW), &to_end);
+    let steps = std::array::from_fn(|step| recorded.point(NOW + 1 + step));
+    Ok(Some(RecordedTiming::of(&path, &steps)))
+}
+
+/// What several timings gain, with its interval over scenes; none without a track.
+fn gain(gains: &[f64], scenes: String, fitted: bool) -> Option<TimingGain> {
+    let samples = Samples::of(gains.iter().copied().map(Some));
+    let mean = samples.estimate(Aggregate::Mean, "timing")?;
+    let nats = [mean.value, mean.low, mean.high];
+    Some(TimingGain { scenes, fitted, profiles: PROFILES, tracks: gains.len(), nats })
 }
 
 /// How often the ends of a role are in the sets of a density.

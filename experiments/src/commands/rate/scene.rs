@@ -18,7 +18,7 @@ use sage_run::{
 };
 use sage_sim::SimScene;
 
-use super::{Job, picture, picture_file};
+use super::{Job, page_file, picture, picture_file, player};
 
 impl SceneJob for Job<'_> {
     type Error = anyhow::Error;
@@ -52,7 +52,7 @@ impl SceneJob for Job<'_> {
             let driver = DriverInScene::new(&simulated, |scene| {
                 ego.test(scene, seed).map_err(|error| advsage::Error::from(error).within(failed()))
             })?;
-            let driven = self.rate.drive(&driver, &nominal)?;
+            let (inclusions, driven) = self.rate.drive(&driver, &nominal)?;
             let head = RowHead {
                 run_hash: run.hash().to_owned(),
                 scene: name.clone(),
@@ -63,17 +63,20 @@ impl SceneJob for Job<'_> {
             };
             let of = RateOf {
                 nominal: &nominal,
-                temperature: self.rate.temperature,
+                rate: &self.rate,
+                inclusions: &inclusions,
                 driven: &driven,
-                require: self.args.require,
                 events: &self.args.event,
             };
             let mut row = RateRow::new(head, &of, &driver.test);
             let title = format!("{name}, {}", ego.label);
             let picture = picture::draw(&title, &driver.test.scene_as_driven(), &nominal, &row);
-            row.files = vec![picture_file(&file)];
+            let mut beside = vec![(picture_file(&file), picture.into_bytes())];
+            let page = player::page(&row, &driver.test, &attacked)?;
+            beside.extend(page.map(|page| (page_file(&file), page.into_bytes())));
+            row.files = beside.iter().map(|(name, _)| name.clone()).collect();
             // The row is written after the files that it names.
-            all.push((row.files[0].clone(), picture.into_bytes()));
+            all.extend(beside);
             files.extend(row.files.iter().cloned());
             let seconds = Some(clock.elapsed().as_secs_f64());
             lines.push(Line { text: row.line(), row: file.clone(), seconds, step_ms: None });

@@ -1,6 +1,9 @@
 //! The tables of a rate: events by drivers, and differences between drivers.
 
-use advsage::rows::rate::RateRow;
+use advsage::{
+    rate::{Coverage, LEVELS},
+    rows::rate::RateRow,
+};
 use sage_bench::estimate::{Difference, Samples};
 use sage_core::{
     metric::Aggregate,
@@ -14,14 +17,38 @@ const ABOVE: [f64; 2] = [0.01, 0.1];
 
 /// A table of the rates for each condition, one of how they spread over the scenes, and one of the paired differences if there are
 /// several drivers. `rows` are those of each scene, driver by driver.
-pub(super) fn tables(labels: &[&str], events: &[Event], rows: &[Vec<Option<RateRow>>]) -> Vec<Table> {
-    let mut all: Vec<Table> = Given::ALL.map(|given| of_given(given, labels, events, rows)).into();
-    all.push(spread(labels, rows));
+pub(super) fn tables(
+    given: Given,
+    labels: &[&str],
+    events: &[Event],
+    rows: &[Vec<Option<RateRow>>],
+) -> Vec<Table> {
+    let mut all: Vec<Table> =
+        [given, given.other()].map(|given| of_given(given, labels, events, rows)).into();
+    all.push(spread(given, labels, rows));
     if labels.len() > 1 {
-        all.push(differences(labels, rows));
+        all.push(differences(given, labels, rows));
     }
     all.retain(|table| !table.rows.is_empty());
     all
+}
+
+/// How often recorded ends lie in the sets of the density that have a share of its probability; none if that is not known.
+pub(super) fn reliability(coverage: &[Coverage]) -> Option<Table> {
+    let sets = LEVELS.map(|level| format!("{:.0} % set", 100.0 * level));
+    let mut heads = vec!["tracks"];
+    heads.extend(sets.iter().map(|set| &**set));
+    let title = "Is the density calibrated? Recorded ends in its sets, %:";
+    let mut table = Table { names: 1, ..Table::new(title, &heads) };
+    for of in coverage {
+        let share = |[_, value, low, high]: &[f64; 4]| {
+            format!("{:.0} [{:.0}, {:.0}]", 100.0 * value, 100.0 * low, 100.0 * high)
+        };
+        let fitted = if of.fitted { ", fitted" } else { "" };
+        let name = format!("{} of {}{fitted}", of.role, of.scenes);
+        table.row(name, of.sets.iter().map(share));
+    }
+    Some(table).filter(|table| !table.rows.is_empty())
 }
 
 /// The rates of a driver by scene.
@@ -47,8 +74,7 @@ fn of_given(given: Given, labels: &[&str], events: &[Event], rows: &[Vec<Option<
 }
 
 /// In how many scenes the drivers fail how often, and what no rate says.
-fn spread(labels: &[&str], rows: &[Vec<Option<RateRow>>]) -> Table {
-    let given = Given::ClearOfRecordedEgo;
+fn spread(given: Given, labels: &[&str], rows: &[Vec<Option<RateRow>>]) -> Table {
     let [low, high] = ABOVE.map(|least| format!("above {} %", 100.0 * least));
     let title = format!("Scenes, given {}, by the rate of failure:", given.name());
     let heads = ["driver", "scenes", &low, &high, "not driven %", "contact without attack"];
@@ -72,8 +98,7 @@ fn spread(labels: &[&str], rows: &[Vec<Option<RateRow>>]) -> Table {
 }
 
 /// Differences of failure rates, paired by scene, and in how many scenes each driver is worse.
-fn differences(labels: &[&str], rows: &[Vec<Option<RateRow>>]) -> Table {
-    let given = Given::ClearOfRecordedEgo;
+fn differences(given: Given, labels: &[&str], rows: &[Vec<Option<RateRow>>]) -> Table {
     let title = format!("Failure given {}, A less B, paired by scene:", given.name());
     let mut table = Table::new(title, &["A", "B", "points", "scenes", "A is worse in", "B is worse in"]);
     table.names = 2;

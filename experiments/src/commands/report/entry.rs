@@ -47,6 +47,8 @@ pub(super) struct Entry {
     without_attack: Option<String>,
     /// Largest difference of its accelerations from the recording, m/s².
     difference: Option<f64>,
+    /// Probability, %, that the adversary moves so up to the contact, under the nominal density.
+    probability: Option<f64>,
     /// What explains it, in words.
     pub(super) sentence: Option<String>,
     /// What is wrong with the braking, and how many others it takes.
@@ -115,6 +117,7 @@ impl Entry {
             not_prevented_by: failure.not_prevented_by().map(str::to_owned).collect(),
             without_attack: row.contact_without_attack(),
             difference: failure.deviation.map(|deviation| deviation.acceleration),
+            probability: failure.probability.map(|probability| 100.0 * probability),
             sentence: failure.sentence.clone(),
             braking: failure.explanation.as_ref().map(|explanation| explanation.braking.class()),
             needs: failure.explanation.as_ref().map(|explanation| explanation.needed.words()),
@@ -166,9 +169,11 @@ impl Entry {
             let short = if time < SHORT_FOR_PEOPLE { ", less than people need (0.75 s)" } else { "" };
             format!("; human time {time:.1} s{short}")
         });
+        let likely =
+            self.probability.map_or(String::new(), |percent| format!("; probability {percent:.2} %"));
         let without = self.without_attack.as_ref().map_or(String::new(), |contact| format!("; {contact}"));
         format!(
-            "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{from}{violation}{right_of_way}{asked}{evasion}{human}{without}",
+            "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{from}{violation}{right_of_way}{asked}{evasion}{human}{likely}{without}",
             self.cluster, self.contact_after, self.impact, self.adversary_does
         )
     }

@@ -19,7 +19,7 @@ function fields() {
     rank: "difference",
     ranges: [["difference", "Difference, m/s²", 1, "and not measured"], ["lambda", "λ", 2, "and failures without λ"], ["latest_start", "Latest start, s", 1, "and not measured"], ["human_time", "Human time, s", 1, "and not measured"]],
     sorts: [
-      ["plain", "plainest"], ["difference", "difference from the recording"], ["human_time", "human time"], ["latest_start", "latest start"], ["reward", "reward"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
+      ["plain", "plainest"], ["difference", "difference from the recording"], ["probability", "probability"], ["human_time", "human time"], ["latest_start", "latest start"], ["reward", "reward"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
       ["cluster", "cluster"], ["driver", "driver"], ["scene", "scene"],
     ],
     count: (shown, inScenes, inClusters, listed) => {
@@ -28,7 +28,7 @@ function fields() {
     },
     head: (f) => [words(f.name) + (f.role ? ` (${words(f.role)})` : ""), words(f.driver)],
     values: (f) => [
-      ["difference", measured(f.difference, 1, " m/s²"), "How differently from its recording the adversary is driven: largest difference of the accelerations"], ["contact", measured(f.contact_after, 1, " s"), "Time from now, the start of the attack, to the contact"], ["impact", measured(f.impact, 1, " m/s")],
+      ["difference", measured(f.difference, 1, " m/s²"), "How differently from its recording the adversary is driven: largest difference of the accelerations"], ["contact", measured(f.contact_after, 1, " s"), "Time from now, the start of the attack, to the contact"], ["impact", measured(f.impact, 1, " m/s")], ["probability", measured(f.probability, 2, " %"), "That the adversary stays within 2 m of this plan up to the contact, if it moves as an untuned motion prior says"],
       ["latest start", measured(f.latest_start, 1, " s before"), "How late before the contact an evasive manoeuvre, knowing the plan, could begin: the smaller, the longer a driver could wait"],
       ["human time", measured(f.human_time, 1, " s") + (isShort(f) ? " (short)" : ""), "From the onset of the plan to the latest start; people need 0.75 s"], ["λ", measured(f.lambda, 2)],
     ],

@@ -9,11 +9,11 @@ use advsage::{
     rows::{
         GeneratedBy,
         contact::step,
+        evaluated::EvaluatedRow,
         failure::{FailureOf, FailureRow},
         plan::PlanRow,
         search::{
-            DrivenRow, DrivesFile, EvaluatedRow, RowHead, SceneRow, drives_file, failure_name, row_file,
-            unchanged_file,
+            DrivenRow, DrivesFile, RowHead, SceneRow, drives_file, failure_name, row_file, unchanged_file,
         },
     },
 };
@@ -92,10 +92,9 @@ impl OneScene<'_> {
             searcher.estimate.tell(&searcher.ego.label, args.budget, clock.elapsed());
             test.map_err(|error| advsage::Error::from(error).within(failed()))
         };
-        let DriverInScene { test, ctx } = DriverInScene::new(&simulated, drives)?;
-        let rule = &searcher.rule().objective;
-        let (pool, result) =
-            searcher.plans().search(&test, &ctx, rule, &searcher.options, args.attack.generator.seed)?;
+        let driver = DriverInScene::new(&simulated, drives)?;
+        let (pool, result) = searcher.search(&driver, args.attack.generator.seed)?;
+        let DriverInScene { test, ctx } = driver;
         if result.reason == Some(Reason::Error) {
             let first =
                 result.driven.first().and_then(|evaluated| evaluated.error.clone()).unwrap_or_default();

@@ -6,8 +6,9 @@ use advsage::{
     generators::weight_hashes,
     named_search::{NamedSearch, SearchSpec},
     operating_point::OperatingPointSpec,
+    prepared::DriverInScene,
+    rate::DensityIdentity,
     search::PlanSources,
-    selection::Selection,
 };
 use anyhow::{Result, ensure};
 use sage_core::objective::{ObjectiveSpec, PartSpec};
@@ -21,7 +22,7 @@ use sage_run::{
 use sage_sim::{
     avoidable::AvoidanceOptions,
     fault::FaultRule,
-    search::{Explained, Order, Requirement, SearchOptions},
+    search::{Explained, Order, Pool, Requirement, SearchOptions, SearchResult},
 };
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -36,6 +37,8 @@ struct Identity<'a> {
     method: String,
     /// Hashes of the networks by their names.
     weights: Map<String, Value>,
+    /// Density of the failures' probabilities.
+    density: Option<DensityIdentity>,
     points: &'a [OperatingPointSpec],
     selection: &'a ObjectiveSpec,
     feasibility: &'a PartSpec,
@@ -126,9 +129,11 @@ impl<'a> Searcher<'a> {
         Ok(Self { args, ego, options, estimate: Estimate::default(), named })
     }
 
-    /// Its rule decides which plans are feasible.
-    pub(super) fn rule(&self) -> &Selection {
-        &self.named.rule
+    /// Searches a scene.
+    ///
+    /// *Errors*: as [`NamedSearch::search`].
+    pub(super) fn search(&self, driver: &DriverInScene, seed: u64) -> Result<(Pool, SearchResult)> {
+        Ok(self.named.search(driver, &self.options, seed)?)
     }
 
     /// Where plans come from.
@@ -164,6 +169,7 @@ impl<'a> Searcher<'a> {
             command: output::command_without("--budget"),
             method: self.named.method(),
             weights,
+            density: self.named.density(),
             points: &self.named.points,
             selection: self.named.selection.objective.spec(),
             feasibility: &self.named.rule.objective.spec().feasibility,

@@ -7,11 +7,11 @@
 use candle_core::{DType, Device, Tensor};
 use sage_backbones::{
     Error, Parameters,
-    nn::{AdamW, Moments},
+    nn::{AdamW, Gru, Moments, Sequences},
     parameters::{ParameterSpec, Scope},
 };
 
-use super::{FEATURES, Features, HIDDEN, gru::Gru, sequences::Sequences};
+use super::{FEATURES, Features, HIDDEN};
 use crate::network_optimiser::{Optimiser, adam};
 
 /// Name of the network in errors.

@@ -3,13 +3,13 @@
 use candle_core::{DType, Device, Module as _, Tensor};
 use sage_backbones::{
     Error, Parameters,
-    nn::Linear,
+    nn::{Gru, Linear, Sequences},
     parameters::{Header, ParameterSpec, Scope},
     weights::Weights,
 };
 use serde::{Deserialize, Serialize};
 
-use super::{ACTION, ACTOR_HIDDEN, FEATURES, Features, HIDDEN, REST, STATE, gru::Gru, sequences::Sequences};
+use super::{ACTION, ACTOR_HIDDEN, FEATURES, Features, HIDDEN, REST, STATE};
 
 /// File of GOOSE's networks in a folder of weights.
 pub const GOOSE_FILE: &str = "goose.safetensors";

@@ -5,13 +5,15 @@
 //! (Stoler et al., 2025): 398 290 trained parameters in both.
 
 use candle_core::{D, Device, Module as _, Result, Tensor};
-use sage_backbones::{Error, nn::Linear, parameters::Scope};
+use sage_backbones::{
+    Error,
+    nn::{BatchNorm, Linear, Lstm},
+    parameters::Scope,
+};
 
 use super::{
     ACTION, OBSERVATION, SKILL, WINDOW,
-    batch_norm::BatchNorm,
     leaky_relu::leaky_relu,
-    lstm::Lstm,
     skill_windows::{Posteriors, SkillWindows},
 };
 
@@ -171,8 +173,7 @@ impl SkillDecoder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seal::networks::batch_norm::is_running;
-    use sage_backbones::Parameters;
+    use sage_backbones::{Parameters, nn::is_running};
 
     fn parameters() -> Parameters {
         let specs = Scope::list(|scope| {

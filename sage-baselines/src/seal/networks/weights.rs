@@ -3,12 +3,13 @@
 use candle_core::DType;
 use sage_backbones::{
     Error, Parameters,
+    nn::is_running_variance,
     parameters::{Header, ParameterSpec, Scope},
     weights::Weights,
 };
 use serde::{Deserialize, Serialize};
 
-use super::{CriticalityNetwork, SkillDecoder, SkillPrior, batch_norm::is_running_variance};
+use super::{CriticalityNetwork, SkillDecoder, SkillPrior};
 
 /// File of SEAL's networks in a folder of weights.
 pub const SEAL_FILE: &str = "seal.safetensors";

@@ -6,17 +6,14 @@ use std::time::Instant;
 use candle_core::Tensor;
 use sage_backbones::{
     Error, Parameters,
-    nn::AdamW,
+    nn::{AdamW, is_running},
     parameters::{ParameterSpec, Scope},
     training::CheckpointFile,
 };
 use sage_core::seed::Rng;
 use serde::{Serialize, de::DeserializeOwned};
 
-use crate::{
-    network_optimiser::{Optimiser, adam},
-    seal::networks::batch_norm::is_running,
-};
+use crate::network_optimiser::{Optimiser, adam};
 
 /// Prefix of the best epoch's weights in a checkpoint.
 const BEST: &str = "best/";

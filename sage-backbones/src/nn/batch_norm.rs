@@ -7,10 +7,12 @@ use candle_core::{
     CpuStorage, CustomOp3, Device, InplaceOp2, Layout, Result, Shape, Tensor, WithDType,
     backend::BackendStorage as _,
 };
-use sage_backbones::{
-    nn::{BlockSums, Real, add_row, by_dtype, slice, slice_mut, wide, with_slice},
-    parameters::{Init, Scope},
+
+use super::{
+    add_row::add_row,
+    real::{BlockSums, Real, by_dtype, slice, slice_mut, wide, with_slice},
 };
+use crate::parameters::{Init, Scope};
 
 /// Added to the variance.
 const EPSILON: f64 = 1e-5;
@@ -20,18 +22,18 @@ const MOMENTUM: f64 = 0.1;
 const RUNNING: [&str; 2] = ["running_mean", "running_var"];
 
 /// Whether a tensor of this name is a running statistic of a batch norm.
-pub(super) fn is_running(name: &str) -> bool {
+pub fn is_running(name: &str) -> bool {
     RUNNING.iter().any(|running| name.ends_with(running))
 }
 
 /// Whether a tensor of this name is a running variance.
-pub(super) fn is_running_variance(name: &str) -> bool {
+pub fn is_running_variance(name: &str) -> bool {
     name.ends_with(RUNNING[1])
 }
 
 /// A layer of batch normalisation.
 #[derive(Clone, Debug)]
-pub(super) struct BatchNorm {
+pub struct BatchNorm {
     gamma: Tensor,
     beta: Tensor,
     running_mean: Tensor,
@@ -40,7 +42,9 @@ pub(super) struct BatchNorm {
 
 impl BatchNorm {
     /// Takes `weight`, `bias`, `running_mean` and `running_var` from the scope.
-    pub(super) fn new(scope: &Scope, width: usize) -> Result<Self> {
+    ///
+    /// *Errors*: a tensor that is missing or has another shape.
+    pub fn new(scope: &Scope, width: usize) -> Result<Self> {
         let tensor = |name: &str, value| scope.tensor(name, &[width], Init::Constant(value));
         Ok(Self {
             gamma: tensor("weight", 1.0)?,
@@ -53,7 +57,8 @@ impl BatchNorm {
     /// Evaluation mode.
     ///
     /// *Shapes*: `x` (n, width), as the result.
-    pub(super) fn forward(&self, x: &Tensor) -> Result<Tensor> {
+    /// *Errors*: another width.
+    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
         let scale = (&self.gamma / (&self.running_variance + EPSILON)?.sqrt()?)?;
         let shift = (&self.beta - (&self.running_mean * &scale)?)?;
         add_row(&x.broadcast_mul(&scale)?, &shift)
@@ -63,7 +68,8 @@ impl BatchNorm {
     /// same tensors.
     ///
     /// *Shapes*: `x` (n, width), as the result, n ≥ 2.
-    pub(super) fn forward_training(&self, x: &Tensor) -> Result<Tensor> {
+    /// *Errors*: fewer rows, or another width.
+    pub fn forward_training(&self, x: &Tensor) -> Result<Tensor> {
         let x = x.contiguous()?;
         let (n, d) = x.dims2()?;
         if n < 2 {

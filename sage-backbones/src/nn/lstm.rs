@@ -6,14 +6,16 @@
 use candle_core::{
     CpuStorage, CustomOp3, DType, Layout, Result, Shape, Tensor, WithDType as _, backend::BackendStorage as _,
 };
-use sage_backbones::{
-    nn::{Real, add_row, by_dtype, column_sums, sigmoid, tanh, wide, with_slice},
-    parameters::{Init, Scope},
-};
 
-/// The weights; gates are in the order input, forget, candidate, output.
+use super::{
+    add_row::{add_row, column_sums},
+    real::{Real, by_dtype, sigmoid, tanh, wide, with_slice},
+};
+use crate::parameters::{Init, Scope};
+
+/// The layer; gates are in the order input, forget, candidate, output.
 #[derive(Clone, Debug)]
-pub(super) struct Lstm {
+pub struct Lstm {
     weight_ih: Tensor,
     weight_hh: Tensor,
     bias_ih: Tensor,
@@ -22,7 +24,9 @@ pub(super) struct Lstm {
 
 impl Lstm {
     /// Takes `weight_ih`, `weight_hh`, `bias_ih` and `bias_hh` from the scope.
-    pub(super) fn new(scope: &Scope, inputs: usize, hidden: usize) -> Result<Self> {
+    ///
+    /// *Errors*: a tensor that is missing or has another shape.
+    pub fn new(scope: &Scope, inputs: usize, hidden: usize) -> Result<Self> {
         let tensor =
             |name: &str, shape: &[usize]| scope.tensor(name, shape, Init::Uniform { fan_in: hidden });
         Ok(Self {
@@ -36,7 +40,8 @@ impl Lstm {
     /// The hidden state after the last step, from a state of zeros. No gradient flows to the inputs.
     ///
     /// *Shapes*: `inputs` (steps · n, inputs), all rows of the first step first; result (n, hidden).
-    pub(super) fn forward(&self, inputs: &Tensor, steps: usize) -> Result<Tensor> {
+    /// *Errors*: rows that are not a multiple of the steps.
+    pub fn forward(&self, inputs: &Tensor, steps: usize) -> Result<Tensor> {
         let bias = (&self.bias_ih + &self.bias_hh)?;
         let trace = Trace::of(
             &inputs.detach(),
@@ -260,8 +265,8 @@ impl CustomOp3 for Trace {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Parameters;
     use candle_core::Device;
-    use sage_backbones::Parameters;
     use sage_core::seed::Rng;
 
     const STEPS: usize = 3;

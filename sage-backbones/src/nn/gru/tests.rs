@@ -1,10 +1,10 @@
 //! Tests of `gru`.
 
 use candle_core::{DType, WithDType};
-use sage_backbones::Parameters;
 use sage_core::seed::Rng;
 
 use super::*;
+use crate::Parameters;
 
 const INPUTS: usize = 3;
 const UNITS: usize = 4;

@@ -14,16 +14,17 @@ use candle_core::{
     CpuStorage, CustomOp3, Device, Layout, Result, Shape, Tensor, WithDType as _,
     backend::BackendStorage as _,
 };
-use sage_backbones::{
-    nn::{Real, by_dtype, column_sums, sigmoid, tanh, wide, with_slice},
-    parameters::{Init, Scope},
+
+use super::{
+    add_row::column_sums,
+    real::{Real, by_dtype, sigmoid, tanh, wide, with_slice},
+    sequences::Sequences,
 };
+use crate::parameters::{Init, Scope};
 
-use super::sequences::Sequences;
-
-/// The weights; gates are in the order reset, update, candidate.
+/// The layer; gates are in the order reset, update, candidate.
 #[derive(Clone, Debug)]
-pub(super) struct Gru {
+pub struct Gru {
     weight_ih: Tensor,
     weight_hh: Tensor,
     bias_ih: Tensor,
@@ -32,7 +33,9 @@ pub(super) struct Gru {
 
 impl Gru {
     /// Takes `weight_ih`, `weight_hh`, `bias_ih` and `bias_hh` from the scope.
-    pub(super) fn new(scope: &Scope, inputs: usize, hidden: usize) -> Result<Self> {
+    ///
+    /// *Errors*: a tensor that is missing or has another shape.
+    pub fn new(scope: &Scope, inputs: usize, hidden: usize) -> Result<Self> {
         let tensor =
             |name: &str, shape: &[usize]| scope.tensor(name, shape, Init::Uniform { fan_in: hidden });
         Ok(Self {
@@ -47,7 +50,8 @@ impl Gru {
     /// inputs.
     ///
     /// *Shapes*: result (n, hidden), in the order in which the sequences were given.
-    pub(super) fn forward(&self, sequences: Sequences) -> Result<Tensor> {
+    /// *Errors*: inputs of another width.
+    pub fn forward(&self, sequences: Sequences) -> Result<Tensor> {
         let biases = Tensor::stack(&[&self.bias_ih, &self.bias_hh], 0)?;
         let weights = [&self.weight_ih, &self.weight_hh, &biases];
         let trace = Trace::of(sequences, weights.map(Tensor::detach))?;

@@ -1,21 +1,22 @@
 //! A batch of sequences of different lengths, packed without padding.
 
 use candle_core::{Device, Tensor, WithDType};
-use sage_backbones::Error;
+
+use crate::Error;
 
 /// Sequences of different lengths, step by step, the longest first.
-pub(super) struct Sequences {
+pub struct Sequences {
     /// (rows, inputs): all rows of the first step first.
-    pub(super) inputs: Tensor,
+    pub inputs: Tensor,
     /// Sequences that have each step. It never grows.
-    pub(super) counts: Vec<usize>,
+    pub counts: Vec<usize>,
     /// For each row of the first step, the place of its sequence among those given.
-    pub(super) order: Vec<usize>,
+    pub order: Vec<usize>,
 }
 
 impl Sequences {
     /// *Errors*: [`Error::Mismatch`] for no sequence, and for a sequence without steps.
-    pub(super) fn new<T: WithDType, const INPUTS: usize>(given: &[&[[T; INPUTS]]]) -> Result<Self, Error> {
+    pub fn new<T: WithDType, const INPUTS: usize>(given: &[&[[T; INPUTS]]]) -> Result<Self, Error> {
         if given.is_empty() {
             return Err(Error::Mismatch("no sequence to encode".to_owned()));
         }

@@ -26,55 +26,29 @@ use sage_core::{
 
 const WIDTH: usize = 32;
 
-struct Layers {
-    first: Linear,
-    norm: LayerNorm,
-    second: Linear,
-    last: Linear,
+/// Layers take their tensors from a `VarBuilder` of the scope. A layer norm without bias passes gradients; candle's with one does not.
+fn layers(scope: &Scope) -> CandleResult<(Linear, LayerNorm, Linear)> {
+    let vb = scope.var_builder();
+    let without_bias = LayerNormConfig { affine: false, ..LayerNormConfig::default() };
+    let first = linear(GOAL_COLUMNS, WIDTH, vb.pp("first"))?;
+    let norm = layer_norm(WIDTH, without_bias, vb.pp("norm"))?;
+    // A bias would add the same to all goals.
+    Ok((first, norm, linear_no_bias(WIDTH, 1, vb.pp("last"))?))
 }
 
-impl Layers {
-    /// Layers take their tensors from a `VarBuilder` of the scope. A layer norm without bias passes gradients; candle's with one does not.
-    fn new(scope: &Scope) -> CandleResult<Self> {
-        let vb = scope.var_builder();
-        let without_bias = LayerNormConfig { affine: false, ..LayerNormConfig::default() };
-        Ok(Self {
-            first: linear(GOAL_COLUMNS, WIDTH, vb.pp("first"))?,
-            norm: layer_norm(WIDTH, without_bias, vb.pp("norm"))?,
-            second: linear(WIDTH, WIDTH, vb.pp("second"))?,
-            // A bias would add the same to all goals.
-            last: linear_no_bias(WIDTH, 1, vb.pp("last"))?,
-        })
-    }
-
-    fn scores(&self, goals: &Tensor) -> CandleResult<Tensor> {
-        let hidden = self.norm.forward(&self.first.forward(goals)?)?.gelu()?;
-        self.last.forward(&self.second.forward(&hidden)?.gelu()?)?.squeeze(1)
-    }
-}
-
-struct GoalScorer {
-    definition: Definition,
-    layers: Layers,
-}
-
-impl GoalScorer {
-    fn over(definition: Definition) -> Result<Self, Error> {
-        Ok(Self { layers: Layers::new(&definition.scope())?, definition })
-    }
-}
+struct GoalScorer(Definition);
 
 impl Backbone for GoalScorer {
     fn definition(&self) -> &Definition {
-        &self.definition
+        &self.0
     }
 
     fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
-        Ok(Box::new(Self::over(self.definition.with(parameters))?))
+        Ok(Box::new(Self(self.0.with(parameters))))
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        let goals = self.definition.tensor(&features.goal_features)?;
+        let goals = self.0.tensor(&features.goal_features)?;
         Ok(Encoding::new(self.tag(), features, vec![goals]))
     }
 
@@ -86,7 +60,9 @@ impl Backbone for GoalScorer {
 impl MotionModel for GoalScorer {
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let [goals] = encoding.states_of(self.tag())?;
-        Ok(log_softmax(&self.layers.scores(goals)?)?)
+        let (first, norm, last) = layers(&self.0.scope())?;
+        let scores = last.forward(&norm.forward(&first.forward(goals)?)?.gelu()?)?;
+        Ok(log_softmax(&scores.squeeze(1)?)?)
     }
 
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
@@ -97,7 +73,7 @@ impl MotionModel for GoalScorer {
         let features = encoding.features();
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| features.goals[mode]).collect();
         let size = ends.len() * smooth_path::CHANGES;
-        let straight = self.definition.constant(&vec![0.0; size], (ends.len(), smooth_path::CHANGES))?;
+        let straight = self.0.constant(&vec![0.0; size], (ends.len(), smooth_path::CHANGES))?;
         Ok(smooth_path::paths(&straight, &ends, features.velocity[0])?)
     }
 }
@@ -121,7 +97,7 @@ impl Entry<dyn Backbone> for GoalScorer {
     type Options = NoOptions;
 
     fn build(options: NoOptions) -> Result<Box<dyn Backbone>, String> {
-        Ok(Box::new(Self::over(Definition::of::<Self, _>(&options, 0, Layers::new)?)?))
+        Ok(Box::new(Self(Definition::of::<Self, _>(&options, 0, layers)?)))
     }
 }
 

@@ -22,6 +22,15 @@ pub fn device(name: &str) -> Result<Device, Error> {
     Device::new_cuda(number).map_err(|error| Error::Option(format!("device `{name}`: {error}")))
 }
 
+/// What decides which operations a network takes on a device: `cpu`, `cuda` or `metal`.
+pub fn kind(device: &Device) -> &'static str {
+    match device {
+        Device::Cpu => "cpu",
+        Device::Cuda(_) => "cuda",
+        Device::Metal(_) => "metal",
+    }
+}
+
 /// A network on a device, without gradients to the original.
 ///
 /// *Errors*: those of the device.

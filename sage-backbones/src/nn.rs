@@ -1,8 +1,8 @@
 //! Layers with their gradients, written for one CPU core.
 //!
 //! Layers and optimiser are our own, behind candle's traits. Matrix products are candle's; the operations between them are
-//! fused here, and made of candle's operations on other devices. candle's fused layer norm and softmax drop the gradient without an error, and its unfused ones cost more than
-//! the products. Results have the same bits with and without gradients (tested). Every operation works in `f32` and, for checks
+//! fused here, and made of candle's operations on other devices. candle's fused layer norm and softmax drop the gradient
+//! without an error, and its unfused ones cost more than the products. Results have the same bits with and without gradients (tested). Every operation works in `f32` and, for checks
 //! against finite differences, in `f64`.
 
 mod adamw;
@@ -22,6 +22,8 @@ mod softmax;
 pub use adamw::{AdamW, AdamWConfig, Moments};
 pub use add_row::{add_row, column_sums};
 pub use batch_norm::{BatchNorm, is_running, is_running_variance};
+#[doc(hidden)]
+pub use composed::compose_on_cpu;
 pub use groups::{Group, Groups};
 pub use gru::Gru;
 pub use layers::{Attention, Linear, Mlp, ResCat};

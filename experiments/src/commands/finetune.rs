@@ -68,6 +68,7 @@ struct Identity<'a> {
     data: &'a str,
     prior: String,
     network: &'a Value,
+    device: &'a str,
     seed: u64,
     roles: usize,
     /// Options of each expert.
@@ -180,6 +181,7 @@ impl<'a> Job<'a> {
             prior: self.prior.parameters().hash()?,
             network: self.prior.options(),
             seed: self.args.seed,
+            device: device::kind(&self.args.device),
             roles: self.options.roles,
             options: options.collect::<Result<_>>()?,
             by: Producer::own(),

@@ -39,6 +39,7 @@ struct Identity<'a> {
     data: &'a str,
     /// Where the weights come from that it starts with.
     start: &'a str,
+    device: &'a str,
     #[serde(flatten)]
     by: Producer,
 }
@@ -83,6 +84,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         options: &options,
         data: &header.data,
         start: &header.notes["start"],
+        device: device::kind(&args.device),
         by: Producer::own(),
     })?;
     let outdated = [STATE, PRIOR_FILE, "curve.csv", "curve.svg"];

@@ -1,18 +1,24 @@
 //! The operations of this module made of candle's own, for devices other than the CPU. They equal those for the CPU but for
-//! rounding errors; with `SAGE_LAYERS=composed` the CPU takes them too, to compare.
+//! rounding errors, which tests show on the CPU.
 
-use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use candle_core::{D, DType, Device, Result, Tensor};
 use candle_nn::ops;
 
 use super::groups::{Group, Groups};
 
+static ON_CPU: AtomicBool = AtomicBool::new(false);
+
+/// From now on the CPU takes the operations for other devices too; for tests.
+#[doc(hidden)]
+pub fn compose_on_cpu() {
+    ON_CPU.store(true, Ordering::Relaxed);
+}
+
 /// Whether the operations on a tensor are those of this file.
 pub(super) fn is_composed(x: &Tensor) -> bool {
-    static FORCED: OnceLock<bool> = OnceLock::new();
-    !x.device().is_cpu()
-        || *FORCED.get_or_init(|| std::env::var_os("SAGE_LAYERS").is_some_and(|layers| layers == "composed"))
+    !x.device().is_cpu() || ON_CPU.load(Ordering::Relaxed)
 }
 
 /// Added to the variance of a layer norm.
@@ -49,7 +55,7 @@ pub(super) fn log_softmax(x: &Tensor) -> Result<Tensor> {
 
 /// As [`super::max_of_rows`].
 pub(super) fn max_of_rows(x: &Tensor, groups: &Groups) -> Result<Tensor> {
-    let of = |group: &Group| x.narrow(0, group.start, group.end - group.start)?.max_keepdim(0);
+    let of = |group: &Group| largest(&x.narrow(0, group.start, group.end - group.start)?, 0);
     Tensor::cat(&groups.as_slice().iter().map(of).collect::<Result<Vec<_>>>()?, 0)
 }
 
@@ -63,10 +69,16 @@ pub(super) fn max_of_others(x: &Tensor, groups: &Groups) -> Result<Tensor> {
         }
         let rows = x.narrow(0, group.start, seen)?.relu()?.unsqueeze(0)?;
         let others = others(n, seen, x.dtype(), x.device())?.unsqueeze(2)?;
-        rows.broadcast_mul(&others)?.max(1)
+        largest(&rows.broadcast_mul(&others)?, 1)?.squeeze(1)
     };
     let others = groups.as_slice().iter().map(of).collect::<Result<Vec<_>>>()?;
     Tensor::cat(&[x, &Tensor::cat(&others, 0)?], 1)
+}
+
+/// The maxima along a dimension, of which 1 is left. Where values are equal, one of them gets the gradient; by candle's `max`
+/// each would get all of it.
+fn largest(x: &Tensor, dim: usize) -> Result<Tensor> {
+    x.contiguous()?.gather(&x.argmax_keepdim(dim)?, dim)
 }
 
 /// (n, seen): 0 where a row is itself, else 1.
@@ -82,11 +94,12 @@ mod tests {
 
     use super::*;
 
-    /// Inputs of an operation, by shape.
+    /// Inputs of an operation, by shape; some are equal, none is 0.
     fn inputs(shapes: &[&[usize]]) -> Vec<Var> {
         let mut rng = Rng::new(1, "inputs", "test");
         let input = |shape: &&[usize]| {
-            let numbers: Vec<f64> = (0..shape.iter().product()).map(|_| rng.normal()).collect();
+            let numbers: Vec<f64> =
+                (0..shape.iter().product()).map(|_| (4.0 * rng.normal()).floor() / 4.0 + 0.125).collect();
             Var::from_tensor(&Tensor::from_vec(numbers, *shape, &Device::Cpu).unwrap()).unwrap()
         };
         shapes.iter().map(input).collect()

@@ -35,20 +35,31 @@ pub struct ReadOptions {
     /// The road user that is the ego in place of the one that the file names, by its id.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ego_track: Option<String>,
+    /// Road users that are left out, by their ids; not the ego. Where one is the adversary, another is chosen.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub without: Vec<String>,
     /// Refuses a scene in which any track has an unusable value, instead of leaving that track out.
     pub strict: bool,
 }
 
 impl ReadOptions {
-    /// Hash of a scene as it is read, as hexadecimal digits: of the bytes of its file, and of the ego if these options choose it.
+    /// Hash of a scene as it is read, as hexadecimal digits: of the bytes of its file, and of the road users that these options choose
+    /// as the ego or leave out.
     pub fn source_hash(&self, bytes: &[u8]) -> String {
         let mut hasher = blake3::Hasher::new();
         hasher.update(bytes);
         if let Some(id) = &self.ego_track {
             hasher.update(b"ego ").update(id.as_bytes());
         }
+        let mut without: Vec<&str> = self.without.iter().map(String::as_str).collect();
+        without.sort_unstable();
+        without.dedup();
+        for id in without {
+            hasher.update(b"without ").update(&(id.len() as u64).to_le_bytes()).update(id.as_bytes());
+        }
         hasher.finalize().to_hex().to_string()
     }
+
     /// What is appended to the name of a scene that is a window of its recording, such as `-now40`.
     pub fn suffix(&self) -> String {
         self.now.map_or(String::new(), |now| format!("-now{now}"))

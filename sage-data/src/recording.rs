@@ -1,6 +1,7 @@
 //! A scene together with its source file, and the size limit of scene files.
 
 mod added;
+mod without;
 
 use std::{
     borrow::Cow,
@@ -178,6 +179,9 @@ impl Recording {
                 return Err(wrong(format!("it is a {}", scene.ego().kind.name())));
             }
         }
+        if !options.without.is_empty() {
+            scene = without::scene(scene, &options.without, path)?;
+        }
         Ok(Self { path: path.to_owned(), scene, source, options: options.clone() })
     }
 
@@ -212,10 +216,22 @@ impl Recording {
         Self { path: PathBuf::from(&scene.id), scene, source: Source::Procedural, options }
     }
 
-    /// All values of the MetaDrive source; `None` if there is none.
+    /// All values of the MetaDrive source, without road users that were left out; `None` if there is none.
     ///
     /// *Errors*: a native file whose source is damaged.
     pub fn document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
+        let document = self.whole_document()?;
+        if self.options.without.is_empty() {
+            return Ok(document);
+        }
+        Ok(document.map(|document| {
+            let mut document = document.into_owned();
+            metadrive::remove_tracks(&mut document, &self.options.without);
+            Cow::Owned(document)
+        }))
+    }
+
+    fn whole_document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
         Ok(match &self.source {
             Source::Pickle(document) => Some(Cow::Borrowed(document)),
             Source::Record(document) | Source::GpuDrive(document) | Source::Argoverse2(document) => {

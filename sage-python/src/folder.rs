@@ -141,7 +141,7 @@ pub(crate) fn load_folder(
             rate: checked_rate(rate)?,
             trust_positions,
             strict,
-            ego_track: None,
+            ..ReadOptions::default()
         },
         keep_source,
     };

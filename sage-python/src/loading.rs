@@ -37,18 +37,20 @@ impl Reading {
 /// Waymo Open Motion Dataset (`FILE#3`), JSON of GPUDrive, or a scenario of Argoverse 2 (Parquet).
 ///
 /// - `ego`, `adversary`: track ids, in place of those of the file.
+/// - `without`: ids of road users that are left out.
 /// - `now`: the frame at 10 Hz that becomes now; the scene is then the window from 1 s before it to 8 s after it.
 /// - `resample`: also take recordings below 5 Hz. `rate`: frames per second of a file without times. `trust_positions`: compute velocities and headings from positions.
 /// - `strict`: refuse a scene in which a track cannot be used, in place of leaving the track out with a note.
 /// - `keep_source=False`: drop what the file holds beyond the scene, which halves the memory; the scene is written as a new file then.
 #[pyfunction]
-#[pyo3(signature = (path, *, ego=None, adversary=None, now=None, resample=false, rate=None, trust_positions=false, strict=false, keep_source=true))]
+#[pyo3(signature = (path, *, ego=None, adversary=None, without=vec![], now=None, resample=false, rate=None, trust_positions=false, strict=false, keep_source=true))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn load(
     py: Python<'_>,
     path: PathBuf,
     ego: Option<String>,
     adversary: Option<String>,
+    without: Vec<String>,
     #[pyo3(from_py_with = crate::seed::optional_count)] now: Option<usize>,
     resample: bool,
     rate: Option<f64>,
@@ -57,7 +59,7 @@ pub(crate) fn load(
     keep_source: bool,
 ) -> PyResult<PyScene> {
     let rate = checked_rate(rate)?;
-    let options = ReadOptions { now, resample, rate, trust_positions, ego_track: ego, strict };
+    let options = ReadOptions { now, resample, rate, trust_positions, ego_track: ego, without, strict };
     let reading = Reading { options, keep_source };
     detached(py, || {
         if path.is_dir() {

@@ -6,7 +6,7 @@ use clap::{Arg, ArgAction, Command};
 pub(super) const OPTION: &str = "--help-all";
 
 /// How files are read, in every command: most files need none of it.
-const READING: [&str; 6] = ["ego_track", "now", "rate", "resample", "strict", "trust"];
+const READING: [&str; 7] = ["ego_track", "now", "rate", "resample", "strict", "trust", "without"];
 
 /// What a study varies, in the commands that attack: other dials than `--aggression`, parts and their options.
 const RESEARCH: [&str; 14] = [

@@ -31,6 +31,10 @@ pub(crate) struct ReadingArgs {
     /// Read this road user as the ego, in place of the one that the file names; some files of GPUDrive name none.
     #[arg(long, display_order = LAST, value_name = "ID")]
     pub ego_track: Option<String>,
+    /// Leave out these road users, by comma-separated ids; written scenes are without them. If one is the adversary, another is
+    /// selected.
+    #[arg(long, display_order = LAST, value_name = "IDS", value_delimiter = ',')]
+    pub without: Vec<String>,
     /// Refuse a scene in which any road user has an unusable value, instead of leaving that road user out.
     #[arg(long, display_order = LAST)]
     pub strict: bool,
@@ -52,8 +56,8 @@ pub(crate) enum Trust {
 impl ReadingArgs {
     /// The options of the reader.
     pub(crate) fn options(&self) -> ReadOptions {
-        let Self { now, resample, rate, trust, strict, ego_track } = self.clone();
-        ReadOptions { now, resample, rate, trust_positions: trust.is_some(), ego_track, strict }
+        let Self { now, resample, rate, trust, strict, ego_track, without } = self.clone();
+        ReadOptions { now, resample, rate, trust_positions: trust.is_some(), ego_track, without, strict }
     }
 }
 

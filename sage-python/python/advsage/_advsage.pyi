@@ -264,6 +264,7 @@ def load(
     *,
     ego: str | None = None,
     adversary: str | None = None,
+    without: list[str] = [],
     now: int | None = None,
     resample: bool = False,
     rate: float | None = None,

@@ -190,6 +190,7 @@ def _of_generate(engine: argparse.ArgumentParser) -> argparse.ArgumentParser:
     add("--rate", metavar="HZ", help="frames per second of a file without times")
     add("--trust", choices=["positions"], help="recompute values that contradict the positions")
     add("--ego-track", metavar="ID", help="road user that is the ego")
+    add("--without", metavar="IDS", help="road users that are left out")
     add("--strict", action="store_true", help="refuse a scene with an unusable road user")
     add = parser.add_argument_group("output").add_argument
     add("--out", required=True, metavar="DIR", help="output folder")

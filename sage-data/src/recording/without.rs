@@ -1,0 +1,105 @@
+//! Road users who are left out of a recording.
+
+use std::path::Path;
+
+use sage_core::scene::{Levels, Note, Scene, select_adversary};
+
+use crate::Error;
+
+/// The scene without some road users. Where its adversary is one of them, another is selected.
+///
+/// *Errors*: [`Error::Field`] for the ego, and for an id that the scene does not have.
+pub(super) fn scene(mut scene: Scene, ids: &[String], path: &Path) -> Result<Scene, Error> {
+    let mut left_out = Vec::new();
+    for id in ids {
+        let wrong = |problem: String| Error::Field {
+            path: path.to_owned(),
+            field: "(without)".to_owned(),
+            found: format!("`{}`, which cannot be left out: {problem}", id.escape_debug()),
+            expected: "ids of road users besides the ego".to_owned(),
+        };
+        let track = scene.track_index(id).map_err(|error| wrong(error.to_string()))?;
+        if track == scene.ego {
+            return Err(wrong("it is the ego".to_owned()));
+        }
+        left_out.push(track);
+    }
+    let is_adversary = scene.adversary.is_some_and(|adversary| left_out.contains(&adversary));
+    if is_adversary {
+        scene.adversary = None;
+    }
+    scene = scene.among(|track| !left_out.contains(&track));
+    if is_adversary {
+        let levels = Levels::of(&scene.map);
+        (scene.adversary, scene.adversary_origin) =
+            select_adversary(&scene.as_observed().tracks, scene.ego, &levels);
+    }
+    scene.notes.push(Note::Other(format!("left out as asked: {}", ids.join(", "))));
+    Ok(scene)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+    use sage_core::scene::Scene;
+
+    use crate::{ReadOptions, Recording, VariantWriter};
+
+    const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/crossing.pkl");
+
+    fn options(ids: &[&str]) -> ReadOptions {
+        ReadOptions { without: ids.iter().map(|id| (*id).to_owned()).collect(), ..ReadOptions::default() }
+    }
+
+    fn read(ids: &[&str]) -> Recording {
+        Recording::read_as(FILE.as_ref(), &options(ids)).unwrap()
+    }
+
+    fn ids(scene: &Scene) -> Vec<&str> {
+        scene.tracks.iter().map(|track| &*track.id).collect()
+    }
+
+    #[test]
+    fn road_users_are_left_out_of_the_scene_and_of_every_file_of_it() {
+        let whole = read(&[]);
+        let (scene, roles) = (&whole.scene, [whole.scene.ego, whole.scene.adversary.unwrap()]);
+        let left_out = (0..scene.tracks.len()).find(|k| !roles.contains(k)).unwrap();
+        let id = &*scene.tracks[left_out].id;
+        let found = read(&[id]);
+        assert_eq!(found.scene.tracks, scene.among(|k| k != left_out).tracks);
+        assert_eq!(found.scene.adversary().unwrap().id, scene.adversary().unwrap().id);
+        assert!(found.scene.notes.iter().any(|note| note.to_string() == format!("left out as asked: {id}")));
+
+        let again = |name: &str, bytes: Vec<u8>| Recording::from_bytes(name.as_ref(), bytes).unwrap().scene;
+        let pickle = again("a.pkl", found.to_pickle().unwrap());
+        assert_eq!(pickle.content_hash(), found.scene.content_hash());
+        let native = again("a.scene", found.to_native().unwrap());
+        assert_eq!(native.content_hash(), found.scene.content_hash());
+        let json = again("a.json", found.to_gpudrive().unwrap().json);
+        assert_eq!(ids(&json), ids(&found.scene));
+        let variant = VariantWriter::new(&found).unwrap();
+        let variant = variant.variant(&found.scene, "{}").unwrap();
+        let written = variant.encode(crate::Format::Pickle).unwrap().unwrap();
+        assert_eq!(again("b.pkl", written).content_hash(), found.scene.content_hash());
+    }
+
+    #[test]
+    fn another_adversary_is_selected_and_the_ego_stays() {
+        let whole = read(&[]);
+        let adversary = &*whole.scene.adversary().unwrap().id;
+        let found = read(&[adversary]);
+        assert!(!ids(&found.scene).contains(&adversary));
+        assert_ne!(found.scene.adversary().map_or("", |track| &track.id), adversary);
+        let refused = |id: &str| Recording::read_as(FILE.as_ref(), &options(&[id])).unwrap_err().to_string();
+        assert!(refused(&whole.scene.ego().id).contains("cannot be left out: it is the ego"));
+        assert!(refused("x").contains("no track `x`"), "{}", refused("x"));
+    }
+
+    #[test]
+    fn a_scene_is_another_one_without_somebody_in_any_order() {
+        let hash = |ids: &[&str]| options(ids).source_hash(b"scene");
+        assert_eq!(hash(&["1", "2"]), hash(&["2", "1", "2"]));
+        assert!(hash(&["1"]) != hash(&[]) && hash(&["1", "2"]) != hash(&["12"]));
+    }
+}

@@ -17,6 +17,8 @@ mod reading;
 mod searching;
 mod sharding;
 mod studies;
+#[cfg(feature = "studio")]
+mod studio;
 mod testing;
 mod theory;
 mod training;
@@ -50,6 +52,8 @@ pub(crate) use reading::{ReadingArgs, SplitArgs};
 pub(crate) use searching::SearchArgs;
 pub(crate) use sharding::{JoinArgs, StatusArgs};
 pub(crate) use studies::{ReportArgs, StudyArgs};
+#[cfg(feature = "studio")]
+pub(crate) use studio::StudioArgs;
 pub(crate) use testing::{FailureReportArgs, Keep, SuiteArgs, TestArgs};
 pub(crate) use theory::TheoryArgs;
 pub(crate) use training::{EgosName, RecipeName, RewardSpec, TrainEgoArgs};
@@ -95,6 +99,8 @@ pub(crate) enum Command {
     Generate(GenerateArgs),
     Explain(ExplainArgs),
     Simulate(SimulateArgs),
+    #[cfg(feature = "studio")]
+    Studio(StudioArgs),
     Search(Box<SearchArgs>),
     Rate(Box<RateArgs>),
     Report(FailureReportArgs),
@@ -380,6 +386,8 @@ impl Cli {
         match self.command {
             #[cfg(feature = "baselines")]
             Command::TrainAdversary(_) => true,
+            #[cfg(feature = "studio")]
+            Command::Studio(_) => true,
             Command::Demo(_)
             | Command::Pretrain(_)
             | Command::Finetune(_)

@@ -23,6 +23,8 @@ pub(crate) mod score;
 pub(crate) mod search;
 pub(crate) mod simulate;
 pub(crate) mod status;
+#[cfg(feature = "studio")]
+pub(crate) mod studio;
 pub(crate) mod suite;
 pub(crate) mod test;
 pub(crate) mod theory;

@@ -38,6 +38,8 @@ impl Cli {
             Command::Simulate(args) => {
                 commands::simulate::run(&args, Extent::of(args.shard), &registries.parts)
             }
+            #[cfg(feature = "studio")]
+            Command::Studio(args) => commands::studio::run(&args, &registries.parts),
             Command::Search(args) => commands::search::run(&args, Extent::of(args.shard), &registries.parts),
             Command::Rate(args) => commands::rate::run(&args, Extent::of(args.shard), &registries.parts),
             Command::Report(args) => commands::report::run(&args),

@@ -165,3 +165,37 @@ fn the_drive_of_another_planner_is_attacked_and_written() {
     error: the scene could not be attacked
     ");
 }
+
+#[test]
+fn a_goal_selects_the_feasible_plan_that_ends_nearest() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let end = |row: &Value| {
+        let last = row["trajectory"].as_array().unwrap().last().unwrap();
+        [0, 1].map(|axis| last[axis].as_f64().unwrap())
+    };
+    let scene = example();
+    let generate = ["generate", &scene, "--lambda", "0.5", "--json", "--format", "rows", "--force"];
+    let attack = |given: &[&str]| -> Value {
+        let output = sage(&[&generate[..], given, &["--out", text(&out)], &WEIGHTS].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        serde_json::from_str(stdout(&output).trim()).unwrap()
+    };
+    // The goals of three candidates of an ordinary attack.
+    let ordinary = attack(&[]);
+    for k in [3, 17, 40] {
+        let [x, y] = end(&ordinary["candidates"][k]);
+        let row = attack(&["--goal", &format!("{x},{y}")]);
+        let distance = |found: [f64; 2]| (found[0] - x).hypot(found[1] - y);
+        let candidates = row["candidates"].as_array().unwrap();
+        let feasible = candidates.iter().filter(|one| one["scores"]["feasible_drivable"] == true);
+        let least = feasible.map(|one| distance(end(one))).fold(f64::INFINITY, f64::min);
+        assert_eq!(distance(end(&row)), least);
+        assert_eq!(row["selection"]["terms"][0]["options"]["at"], serde_json::json!([x, y]));
+        assert!((row["scores"]["rewards"]["goal-distance"].as_f64().unwrap() - least).abs() < 1e-9);
+    }
+    for wrong in ["1", "1,x", "inf,0"] {
+        let output = sage(&["generate", &scene, "--goal", wrong, "--out", text(&out)]);
+        assert!(stderr(&output).contains("expected two numbers of metres"), "{}", stderr(&output));
+    }
+}

@@ -29,6 +29,7 @@ pub mod dynamics;
 mod ego;
 mod encounter;
 mod evaluation;
+mod goal_distance;
 mod ground;
 mod kinematic;
 mod lane_distance;
@@ -69,6 +70,7 @@ pub use drivable::{DrivableFeasibility, DrivableOptions};
 pub use ego::{EgoPath, EgoPaths};
 pub use encounter::Encounter;
 pub use evaluation::Evaluation;
+pub use goal_distance::{GoalDistance, GoalDistanceOptions};
 pub use kinematic::{KinematicPenalty, is_within_limits, kinematic_penalty};
 pub use lane_distance::{LaneDistance, coarse_lane_distance};
 pub use map_feasibility::{AgentContact, EdgeContact, MapFeasibility, Violations, touches_edge};
@@ -102,6 +104,7 @@ pub fn rewards() -> Result<Registry<dyn Reward>, Error> {
         .with::<AgainstTraffic>()?
         .with::<AboveSpeedLimit>()?
         .with::<ContactDepth>()?
+        .with::<GoalDistance>()?
         .with::<NegativeLogLikelihood>()?
         .with::<criticality::ImpactSpeed>()?
         .with::<criticality::RequiredDeceleration>()

@@ -196,6 +196,31 @@ impl Scene {
         }
     }
 
+    /// The scene without some road users, by their ids. Where its adversary is one of them, another is selected.
+    ///
+    /// *Errors*: [`Error::Scene`] for the ego, and for an id that there is not.
+    pub fn without(mut self, ids: &[String]) -> Result<Self, Error> {
+        let mut left_out = Vec::with_capacity(ids.len());
+        for id in ids {
+            let track = self.track_index(id)?;
+            if track == self.ego {
+                let problem = format!("track `{id}` cannot be left out: it is the ego");
+                return Err(Error::Scene { scene: self.id, problem });
+            }
+            left_out.push(track);
+        }
+        let is_adversary = self.adversary.is_some_and(|adversary| left_out.contains(&adversary));
+        if is_adversary {
+            self.adversary = None;
+        }
+        let mut scene = self.among(|track| !left_out.contains(&track));
+        if is_adversary {
+            (scene.adversary, scene.adversary_origin) =
+                select_adversary(&scene.as_observed().tracks, scene.ego, &Levels::of(&scene.map));
+        }
+        Ok(scene)
+    }
+
     /// The car under test.
     pub fn ego(&self) -> &Track {
         &self.tracks[self.ego]

@@ -94,7 +94,9 @@ impl Words<'_, '_> {
                 rate: rate.flatten(),
                 trust_positions: self.is_given("trust"),
                 ego_track: self.text("ego_track")?,
-                without: self.read("without", |text| Ok(text.split(',').map(str::to_owned).collect()))?.unwrap_or_default(),
+                without: self
+                    .read("without", |text| Ok(text.split(',').map(str::to_owned).collect()))?
+                    .unwrap_or_default(),
                 strict: self.is_given("strict"),
             },
             out: self.required("out")?,

@@ -4,7 +4,7 @@
 //! milliradians, centimetres per second, each as the difference to the number before. It needs no network.
 
 mod encoding;
-pub mod map;
+pub(crate) mod map;
 
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point},
@@ -24,7 +24,8 @@ use serde::Serialize;
 use serde_json::Result;
 
 use crate::html_page::{self, PageParts};
-use encoding::{EncodedBody, FrameState};
+pub(crate) use encoding::EncodedBody;
+use encoding::FrameState;
 use map::EncodedFeature;
 
 /// Size limit of a page, bytes.
@@ -33,14 +34,16 @@ const LIMIT: usize = 2_000_000;
 /// that fits into the page is taken.
 const DETAILS: [[f64; 2]; 5] = [[0.05, 150.0], [0.1, 100.0], [0.2, 70.0], [0.5, 50.0], [1.0, 30.0]];
 
-const PAGE: &str = include_str!("player/page.html");
-const STYLE: &str = include_str!("player/style.css");
-const SCRIPT: &str = concat!(
+pub(crate) const PAGE: &str = include_str!("player/page.html");
+pub(crate) const STYLE: &str = include_str!("player/style.css");
+/// The player, without data.
+pub(crate) const PLAYER: &str = concat!(
     include_str!("player/drawing.js"),
     include_str!("player/burst.js"),
     include_str!("player/sweep.js"),
     include_str!("player/player.js")
 );
+const START: &str = r#"start(JSON.parse(element("data").textContent));"#;
 
 /// One drive of the page.
 pub struct Panel<'a> {
@@ -143,14 +146,15 @@ struct EncodedMark<'a> {
 
 /// Every fourth point of a path, in decimetres as differences.
 #[derive(Serialize)]
-struct EncodedPath {
+pub(crate) struct EncodedPath {
     kind: CandidateKind,
     x: Vec<i64>,
     y: Vec<i64>,
 }
 
+/// A drive as the script of the player reads it.
 #[derive(Serialize)]
-struct EncodedPanel<'a> {
+pub(crate) struct EncodedPanel<'a> {
     name: &'a str,
     #[serde(skip_serializing_if = "str::is_empty")]
     id: &'a str,
@@ -281,11 +285,12 @@ pub fn page(page: &Page) -> Result<String> {
             panels: panels.iter().map(|panel| encoded(panel, scene, origin)).collect(),
         };
         text = html_page::embedded(&data)?;
-        if text.len() + PAGE.len() + STYLE.len() + SCRIPT.len() <= LIMIT {
+        if text.len() + PAGE.len() + STYLE.len() + PLAYER.len() <= LIMIT {
             break;
         }
     }
-    html_page::assembled(PageParts { body: PAGE, style: STYLE, script: SCRIPT, title, data: &text })
+    let script = &[PLAYER, START].concat();
+    html_page::assembled(PageParts { body: PAGE, style: STYLE, script, title, data: &text })
 }
 
 /// All road users besides ego and adversary that come near.
@@ -293,13 +298,20 @@ fn traffic(scene: &Scene, panels: &[Panel], area: &Aabb, origin: Point) -> Vec<E
     let has_adversary = panels.iter().any(|panel| panel.adversary.is_some());
     let is_shown = |k: usize| k != scene.ego && !(has_adversary && scene.adversary == Some(k));
     let tracks = scene.tracks.iter().enumerate().filter(|(k, _)| is_shown(*k)).map(|(_, track)| track);
-    tracks
-        .filter(|track| states(track, [0.0, 0.0]).any(|(_, state)| area.meets(&Aabb::around(state.at, 0.0))))
-        .filter_map(|track| EncodedBody::of(states(track, origin), box_size(track), kind(track)))
-        .collect()
+    tracks.filter(|track| is_in(track, area)).filter_map(|track| encoded_track(track, origin)).collect()
 }
 
-fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'a> {
+/// Whether a road user is ever in an area.
+pub(crate) fn is_in(track: &Track, area: &Aabb) -> bool {
+    states(track, [0.0, 0.0]).any(|(_, state)| area.meets(&Aabb::around(state.at, 0.0)))
+}
+
+/// A road user; `None` if it is never there.
+pub(crate) fn encoded_track(track: &Track, origin: Point) -> Option<EncodedBody> {
+    EncodedBody::of(states(track, origin), box_size(track), kind(track))
+}
+
+pub(crate) fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'a> {
     let Panel {
         name,
         id,
@@ -343,8 +355,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         end: *end,
         // A drive has at least its first frame.
         ego: drive(motions).unwrap_or_default(),
-        adversary: adversary
-            .and_then(|track| EncodedBody::of(states(track, origin), box_size(track), kind(track))),
+        adversary: adversary.and_then(|track| encoded_track(track, origin)),
         ghost: unattacked.and_then(drive),
         escape: evasion.and_then(|rows| EncodedBody::of(evasion_states(rows, origin), size, "vehicle")),
         contact,
@@ -369,7 +380,7 @@ fn encoded_mark(mark: &Mark, origin: Point) -> EncodedMark<'_> {
     EncodedMark { boxes: mark.boxes.iter().map(encoded).collect(), label: &mark.label }
 }
 
-fn encoded_path(path: &Path, origin: Point) -> EncodedPath {
+pub(crate) fn encoded_path(path: &Path, origin: Point) -> EncodedPath {
     let last = path.points.len().saturating_sub(1);
     let shown: Vec<&Point> =
         path.points.iter().enumerate().filter(|(k, _)| k % 4 == 0 || *k == last).map(|(_, p)| p).collect();

@@ -8,6 +8,7 @@ use advsage::{
 };
 use anyhow::Result;
 use clap::{Args, ValueEnum};
+use sage_core::{geometry::Point, objective::ObjectiveSpec};
 use sage_data::dataset::Shard;
 use sage_generators::{Placement, Rate};
 use sage_run::generate::GenerateOptions;
@@ -134,6 +135,10 @@ pub(crate) struct ExplainArgs {
 pub(crate) struct AttackArgs {
     #[command(flatten)]
     pub generator: GeneratorSpec,
+    /// Select the feasible plan that ends nearest to this place, metres in the scene's frame: --selection of the reward
+    /// `goal-distance`.
+    #[arg(long, help_heading = SELECTION, value_name = "X,Y", value_parser = goal, allow_hyphen_values = true, conflicts_with_all = ["selection", "aggression"])]
+    pub goal: Option<Point>,
     /// Use this track as the adversary; `focal` is the one that a scenario of Argoverse 2 was recorded for.
     #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
@@ -145,6 +150,13 @@ pub(crate) struct AttackArgs {
     /// "parked_car": false}' are metres and seconds.
     #[arg(long, help_heading = SCENE, value_name = "JSON", value_parser = placement, requires = "adversary_type", conflicts_with = "adversary")]
     pub place: Option<Placement>,
+}
+
+/// A place in the plane.
+fn goal(text: &str) -> Result<Point, String> {
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
+    let point = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
+    point.ok_or_else(|| "expected two numbers of metres, such as 12.5,-3".to_owned())
 }
 
 /// A placement of a user.
@@ -165,7 +177,10 @@ impl AttackArgs {
     /// *Errors*: points that exclude each other, or what does not apply to a person.
     pub(crate) fn spec(&self, method: Option<&Part>, require: Option<Requirement>) -> Result<GeneratorSpec> {
         self.generator.points.check().map_err(|problem| Cli::conflict(&problem))?;
-        let spec = GeneratorSpec { method: method.cloned(), ..self.generator.clone() };
+        let mut spec = GeneratorSpec { method: method.cloned(), ..self.generator.clone() };
+        if let Some(goal) = self.goal {
+            spec.selection = serde_json::to_string(&ObjectiveSpec::ends_near(goal))?;
+        }
         Ok(self.adversary().generator(spec, require).map_err(|error| Cli::conflict(&format!("--{error}")))?)
     }
 
@@ -182,6 +197,7 @@ impl AttackArgs {
             ("--weights", weights.is_some()),
             ("--feasibility", feasibility.is_some()),
             ("--selection", selection != "natural"),
+            ("--goal", self.goal.is_some()),
             ("--merger", merger.name != "linear"),
         ];
         given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name)

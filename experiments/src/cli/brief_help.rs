@@ -9,7 +9,7 @@ pub(super) const OPTION: &str = "--help-all";
 const READING: [&str; 7] = ["ego_track", "now", "rate", "resample", "strict", "trust", "without"];
 
 /// What a study varies, in the commands that attack: other dials than `--aggression`, parts and their options.
-const RESEARCH: [&str; 14] = [
+const RESEARCH: [&str; 15] = [
     "options",
     "lambda",
     "mu",
@@ -17,6 +17,7 @@ const RESEARCH: [&str; 14] = [
     "merger",
     "selection",
     "feasibility",
+    "goal",
     "latest_start",
     "avoidable",
     "order",

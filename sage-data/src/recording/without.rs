@@ -2,39 +2,22 @@
 
 use std::path::Path;
 
-use sage_core::scene::{Levels, Note, Scene, select_adversary};
+use sage_core::scene::{Note, Scene};
 
 use crate::Error;
 
-/// The scene without some road users. Where its adversary is one of them, another is selected.
+/// The scene without some road users, with a note.
 ///
-/// *Errors*: [`Error::Field`] for the ego, and for an id that the scene does not have.
-pub(super) fn scene(mut scene: Scene, ids: &[String], path: &Path) -> Result<Scene, Error> {
-    let mut left_out = Vec::new();
-    for id in ids {
-        let wrong = |problem: String| Error::Field {
-            path: path.to_owned(),
-            field: "(without)".to_owned(),
-            found: format!("`{}`, which cannot be left out: {problem}", id.escape_debug()),
-            expected: "ids of road users besides the ego".to_owned(),
-        };
-        let track = scene.track_index(id).map_err(|error| wrong(error.to_string()))?;
-        if track == scene.ego {
-            return Err(wrong("it is the ego".to_owned()));
-        }
-        left_out.push(track);
-    }
-    let is_adversary = scene.adversary.is_some_and(|adversary| left_out.contains(&adversary));
-    if is_adversary {
-        scene.adversary = None;
-    }
-    scene = scene.among(|track| !left_out.contains(&track));
-    if is_adversary {
-        let levels = Levels::of(&scene.map);
-        (scene.adversary, scene.adversary_origin) =
-            select_adversary(&scene.as_observed().tracks, scene.ego, &levels);
-    }
-    scene.notes.push(Note::Other(format!("left out as asked: {}", ids.join(", "))));
+/// *Errors*: [`Error::Field`] as [`Scene::without`].
+pub(super) fn scene(scene: Scene, ids: &[String], path: &Path) -> Result<Scene, Error> {
+    let list = ids.join(", ");
+    let mut scene = scene.without(ids).map_err(|error| Error::Field {
+        path: path.to_owned(),
+        field: "(without)".to_owned(),
+        found: format!("`{}`: {error}", list.escape_debug()),
+        expected: "ids of road users besides the ego".to_owned(),
+    })?;
+    scene.notes.push(Note::Other(format!("left out as asked: {list}")));
     Ok(scene)
 }
 

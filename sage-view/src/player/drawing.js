@@ -1,8 +1,6 @@
 "use strict";
 // Units of the data: centimetres, milliradians, centimetres per second. Numbers are differences to the one before.
-const data = JSON.parse(document.getElementById("data").textContent);
 const element = (id) => document.getElementById(id);
-const now = data.now, last = data.frames - 1;
 const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222", escape: "#007a52", plan: "rgba(120,60,200,.6)" };
 // Candidates that were not selected, by what they do.
 const kinds = { "no-contact": ["rgba(90,100,110,.45)", "no contact"], "infeasible-hit": ["rgba(204,121,167,.7)", "hit, not feasible"], "unbelievable-hit": ["rgba(230,159,0,.9)", "hit, not believable"], "believable-hit": ["rgba(165,15,21,.75)", "believable hit"] };
@@ -36,22 +34,38 @@ function pose(b, time) {
   return { x: mix(b.x), y: mix(b.y), h: mix(b.h), v: mix(b.v) };
 }
 
-const features = data.map.map(({ kind, width, x, y }) => {
+function feature({ kind, width, x, y }) {
   const xs = sums(x, 1e-2), ys = sums(y, 1e-2), path = new Path2D();
   xs.forEach((px, k) => (k ? path.lineTo(px, ys[k]) : path.moveTo(px, ys[k])));
   const margin = (width || 100) / 200;
   const box = [Math.min(...xs) - margin, Math.min(...ys) - margin, Math.max(...xs) + margin, Math.max(...ys) + margin];
   return { kind, width: (width || 0) / 100, path, box };
-});
-const traffic = data.traffic.map(body);
-const paths = data.paths.map(({ kind, x, y }) => ({ kind, x: sums(x, 1e-1), y: sums(y, 1e-1) }));
-// In the order of `kinds`, so that the worst lie in front.
-const inFront = (others) => others && [...others].sort((a, b) => Object.keys(kinds).indexOf(paths[a].kind) - Object.keys(kinds).indexOf(paths[b].kind));
-const panels = data.panels.map((p) => ({ ...p, drawn: inFront(p.others), ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape), shown: p.shown.map((s) => ({ frame: s.frame, x: sums(s.x, 1e-2), y: sums(s.y, 1e-2), log: s.log })) }));
+}
+
+// What the page shows.
+let data, now, last, features, traffic, paths, panels;
+
+function decode(next) {
+  data = next;
+  [now, last] = [data.now, data.frames - 1];
+  features = data.map.map(feature);
+  traffic = data.traffic.map(body);
+  paths = data.paths.map(({ kind, x, y }) => ({ kind, x: sums(x, 1e-1), y: sums(y, 1e-1) }));
+  decodePanels();
+}
+
+function decodePanels() {
+  // In the order of `kinds`, so that the worst lie in front.
+  const inFront = (others) => others && [...others].sort((a, b) => Object.keys(kinds).indexOf(paths[a].kind) - Object.keys(kinds).indexOf(paths[b].kind));
+  panels = data.panels.map((p) => ({ ...p, drawn: inFront(p.others), ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape), shown: p.shown.map((s) => ({ frame: s.frame, x: sums(s.x, 1e-2), y: sums(s.y, 1e-2), log: s.log })) }));
+}
+
+// What a page draws over each drive; its last argument is the size of a pixel in metres.
+let overlay = null;
 
 // --- state ---
 
-const view = { time: now, playing: false, rate: 1, scale: 0, isZoomed: false, follow: "ego", plot: "speed", centre: null, alone: null, ghost: true, others: true, all: false };
+const view = { time: 0, playing: false, rate: 1, scale: 0, isZoomed: false, follow: "ego", plot: "speed", centre: null, alone: null, ghost: true, others: true, all: false };
 
 // --- map tiles: drawn once for each zoom, shared by all panels ---
 
@@ -264,6 +278,7 @@ function drawPanel(panel) {
   else if (adversary) car(c, adversary, panel.adversary, colour.adversary, { stripes: true, outline: colour.ink });
   car(c, own, panel.ego, colour.ego, { outline: colour.ink });
   if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(1, (7 * ratio) / scale));
+  if (overlay) overlay(c, panel, ratio / scale);
   scaleBar(c, ratio, scale, height);
   const gap = adversary ? `, gap ${space(own, panel.ego, adversary, panel.adversary).toFixed(1)} m` : "";
   panel.live.textContent = `ego ${own.v.toFixed(1)} m/s${gap}`;

@@ -25,7 +25,7 @@ impl FrameState {
 
 /// A road user: its box in centimetres, and its motion in runs of consecutive frames.
 #[derive(Default, Serialize)]
-pub(super) struct EncodedBody {
+pub(crate) struct EncodedBody {
     length: i64,
     width: i64,
     kind: &'static str,

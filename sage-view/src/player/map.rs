@@ -11,7 +11,7 @@ use crate::drawing::lane_width;
 
 /// A map feature: its kind on the page, its points, and the width of a lane, in centimetres.
 #[derive(Serialize)]
-pub(super) struct EncodedFeature {
+pub(crate) struct EncodedFeature {
     kind: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     width: Option<i64>,
@@ -20,7 +20,7 @@ pub(super) struct EncodedFeature {
 }
 
 /// The features in an area, with lines simplified up to an error, metres.
-pub(super) fn encoded(scene: &Scene, area: &Aabb, error: f64, origin: Point) -> Vec<EncodedFeature> {
+pub(crate) fn encoded(scene: &Scene, area: &Aabb, error: f64, origin: Point) -> Vec<EncodedFeature> {
     let mut all = Vec::new();
     for feature in &scene.map.features {
         let is_sidewalk = scene.map.is_sidewalk_area(feature);

@@ -1,5 +1,16 @@
 // --- layout and controls ---
 
+function start(next) {
+  decode(next);
+  group();
+  view.time = now;
+  if (panels.some((p) => p.adversary)) view.follow = element("follow").value = "both";
+  else element("follow").querySelectorAll("[value=adversary],[value=both]").forEach((o) => o.remove());
+  build();
+  openLink() || alone(null);
+}
+
+let seen = null;
 function build() {
   document.title = data.title;
   element("title").textContent = data.title;
@@ -11,6 +22,7 @@ function build() {
   const optional = [has.ghost && "drive without the attack", has.escape && "evasive manoeuvre"].filter(Boolean).join(", ");
   element("ghost-label").textContent = element("ghost-key").textContent = optional;
   element("others").parentElement.hidden = element("others-key").hidden = element("kinds").hidden = !has.others;
+  element("kinds").querySelectorAll("span").forEach((e) => e.remove());
   for (const [kind, [tone, words]] of Object.entries(kinds).filter(([kind]) => paths.some((p) => p.kind === kind)).reverse()) {
     const entry = document.createElement("span"), stroke = document.createElement("i");
     stroke.className = "stroke";
@@ -23,9 +35,8 @@ function build() {
   if (!panels.some((p) => p.adversary)) element("adversary-legend").hidden = true;
   for (const kind of ["pedestrian", "cyclist", "other"]) element(`${kind}-legend`).hidden = !traffic.some((b) => b.kind === kind);
   element("contact-legend").hidden = !panels.some((p) => p.contact);
-  if (panels.some((p) => p.adversary)) view.follow = element("follow").value = "both";
-  if (!panels.some((p) => p.adversary)) element("follow").querySelectorAll("[value=adversary],[value=both]").forEach((o) => o.remove());
   const mark = (frame, name) => { const i = document.createElement("i"); i.className = name; i.style.left = `${(100 * frame) / last}%`; element("marks").append(i); return i; };
+  for (const id of ["marks", "panels"]) element(id).replaceChildren();
   mark(now, "now");
   for (const panel of panels) {
     const make = (tag, parent, name) => { const e = document.createElement(tag); if (name) e.className = name; parent.append(e); return e; };
@@ -52,7 +63,8 @@ function build() {
     drag(area, panel);
   }
   // Drives that are scrolled out of view are not drawn.
-  const seen = new IntersectionObserver((changes) => {
+  seen?.disconnect();
+  seen = new IntersectionObserver((changes) => {
     changes.forEach(({ target, isIntersecting }) => (panels.find((p) => p.box === target).isVisible = isIntersecting));
     redraw();
   });
@@ -63,7 +75,6 @@ function build() {
     element("index").href = from ? `${data.back}#${from}` : data.back;
     element("index").hidden = false;
   }
-  openLink() || alone(null);
 }
 
 function show() {
@@ -73,9 +84,9 @@ function show() {
     if (p.box.hidden && isShown(p)) p.isVisible = true;
     p.box.hidden = !isShown(p);
     if (groups.length) p.box.style.order = order.indexOf(unit(p));
-    if (p.mark && (groups.length || hasLinks)) p.mark.hidden = p.box.hidden;
+    if (p.mark && (groups.length || hasLinks())) p.mark.hidden = p.box.hidden;
   }
-  element("every").hidden = !hasLinks || view.alone === null || units().length === 1;
+  element("every").hidden = !hasLinks() || view.alone === null || units().length === 1;
   // The address must not name a drive that is no longer the one shown.
   const panel = linked();
   if (panel && (view.alone === null || panel.box.hidden)) history.replaceState(null, "", location.href.split("#")[0]);
@@ -212,7 +223,7 @@ element("more").addEventListener("click", (e) => { e.target.setAttribute("aria-e
 element("help").addEventListener("click", (e) => { element("keys").hidden = !element("keys").hidden; e.target.setAttribute("aria-expanded", String(!element("keys").hidden)); arrange(); });
 element("every").addEventListener("click", () => alone(null));
 window.addEventListener("hashchange", () => {
-  if (!openLink() && hasLinks && location.hash.length < 2 && view.alone !== null) alone(null);
+  if (!openLink() && hasLinks() && location.hash.length < 2 && view.alone !== null) alone(null);
 });
 document.addEventListener("keydown", (e) => {
   // Some keyboards type brackets with AltGr or Option.
@@ -230,4 +241,3 @@ document.addEventListener("keydown", (e) => {
 document.querySelectorAll("nav button, nav input:not(#value)").forEach((e) => e.addEventListener("click", (event) => event.detail && e.blur()));
 document.querySelectorAll("nav select").forEach((e) => e.addEventListener("change", () => e.blur()));
 window.addEventListener("resize", arrange);
-build();

@@ -1,18 +1,21 @@
 // --- sweeps: drives that differ in one value share a box, and a slider chooses which of them it shows ---
 
-const groups = [];
-for (const panel of panels.filter((p) => p.sweep)) {
-  let group = groups.find((g) => g.number === panel.sweep.group);
-  if (!group) groups.push((group = { number: panel.sweep.group, axis: { lambda: "λ", mu: "μ" }[panel.sweep.axis] || panel.sweep.axis, members: [] }));
-  group.members.push(panel);
-  panel.group = group;
+let groups, values, axes, digits;
+function group() {
+  groups = [];
+  for (const panel of panels.filter((p) => p.sweep)) {
+    let group = groups.find((g) => g.number === panel.sweep.group);
+    if (!group) groups.push((group = { number: panel.sweep.group, axis: { lambda: "λ", mu: "μ" }[panel.sweep.axis] || panel.sweep.axis, members: [] }));
+    group.members.push(panel);
+    panel.group = group;
+  }
+  for (const { members } of groups) members.sort((a, b) => a.sweep.value - b.sweep.value);
+  values = [...new Set(panels.filter((p) => p.sweep).map((p) => p.sweep.value))].sort((a, b) => a - b);
+  axes = [...new Set(groups.map((g) => g.axis))].join("/");
+  digits = [2, 3, 4, 5].find((n) => values.every((v) => Math.abs(v - v.toFixed(n)) < 1e-9)) || 6;
+  view.all = !groups.length;
 }
-for (const { members } of groups) members.sort((a, b) => a.sweep.value - b.sweep.value);
-const values = [...new Set(panels.filter((p) => p.sweep).map((p) => p.sweep.value))].sort((a, b) => a - b);
-const axes = [...new Set(groups.map((g) => g.axis))].join("/");
-const digits = [2, 3, 4, 5].find((n) => values.every((v) => Math.abs(v - v.toFixed(n)) < 1e-9)) || 6;
 const setting = (axis, value) => `${axis} ${value.toFixed(digits)}`;
-view.all = !groups.length;
 
 // What has a box: a drive, or a group. The key of a digit chooses one of them.
 const unit = (panel) => (!view.all && panel.group) || panel;
@@ -95,7 +98,7 @@ function showAll(all) {
 
 // --- links: `#failure3` opens that drive alone ---
 
-const hasLinks = panels.some((p) => p.id);
+const hasLinks = () => panels.some((p) => p.id);
 const linked = () => panels.find((p) => p.id && location.hash === `#${p.id}`);
 
 function openLink() {

@@ -1,0 +1,316 @@
+//! The server of the page: this machine alone, sessions, limits, one piece of work a session at a time.
+
+use std::{
+    collections::HashMap,
+    net::TcpListener,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU64, Ordering},
+        mpsc,
+    },
+};
+
+use anyhow::{Context as _, Result, bail};
+use axum::{
+    Json, Router,
+    body::Bytes,
+    extract::{DefaultBodyLimit, Request, State},
+    http::{HeaderMap, HeaderValue, StatusCode, header},
+    middleware::{self, Next},
+    response::{Html, IntoResponse, Response},
+    routing::{get, post},
+};
+use sage_run::progress;
+use serde::{Deserialize, de::DeserializeOwned};
+use serde_json::{Value, json};
+use tokio::sync::oneshot;
+
+use super::workshop::{Wanted, Workshop};
+
+/// Largest body of a request, bytes.
+const LARGEST_BODY: usize = 64 << 10;
+/// Most sessions at a time; the oldest ends.
+const MOST_SESSIONS: usize = 32;
+/// Header with the session.
+const SESSION: &str = "x-session";
+
+/// Work of a session, for one of the threads that have the workshop.
+type Job = Box<dyn FnOnce(&Workshop) + Send>;
+
+struct Server {
+    jobs: mpsc::Sender<Job>,
+    offered: Value,
+    /// Address without the scheme, such as `127.0.0.1:4711`.
+    address: String,
+    /// The key of the link that was printed last.
+    key: Mutex<String>,
+    sessions: Mutex<Sessions>,
+}
+
+/// Sessions by their secret, with the number of the newest request of each.
+#[derive(Default)]
+struct Sessions {
+    by_secret: HashMap<String, Arc<AtomicU64>>,
+    oldest_first: Vec<String>,
+}
+
+/// A random text that nobody can guess.
+fn secret() -> Result<String> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(|error| anyhow::anyhow!("no random numbers: {error}"))?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Serves until the user interrupts it.
+///
+/// *Errors*: the system refuses the socket.
+pub(super) fn serve(listener: TcpListener, workshop: &Workshop) -> Result<()> {
+    let address = listener.local_addr()?.to_string();
+    let (jobs, waiting) = mpsc::channel::<Job>();
+    let waiting = Mutex::new(waiting);
+    let (offered, key, sessions) = (workshop.offered(), Mutex::new(secret()?), Mutex::default());
+    let server = Server { jobs, offered, address, key, sessions };
+    server.say_link("open");
+    std::thread::scope(|scope| {
+        for _ in 0..rayon::current_num_threads() {
+            scope.spawn(|| {
+                loop {
+                    let job = locked(&waiting).recv();
+                    // Without a server nobody sends any.
+                    let Ok(job) = job else { break };
+                    job(workshop);
+                }
+            });
+        }
+        run(listener, Arc::new(server))
+    })
+}
+
+fn run(listener: TcpListener, server: Arc<Server>) -> Result<()> {
+    listener.set_nonblocking(true)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+    runtime.block_on(async {
+        let routes = Router::new()
+            .route("/", get(page))
+            .route("/session", post(session))
+            .route("/offered", post(offered))
+            .route("/scene", post(scene))
+            .route("/drive", post(drive))
+            .layer(DefaultBodyLimit::max(LARGEST_BODY))
+            .layer(middleware::from_fn_with_state(server.clone(), guard))
+            .with_state(server);
+        let listener = tokio::net::TcpListener::from_std(listener)?;
+        let served = axum::serve(listener, routes);
+        tokio::select! {
+            ended = served => ended.context("the server"),
+            interrupted = tokio::signal::ctrl_c() => interrupted.context("the signals"),
+        }
+    })
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Server {
+    fn say_link(&self, words: &str) {
+        progress::say(&format!("{words} http://{}/#key={}", self.address, locked(&self.key)));
+    }
+
+    /// Opens a session for the key of the link, which is then another one.
+    fn open(&self, key: &str) -> Result<String> {
+        {
+            let mut known = locked(&self.key);
+            if *known != key {
+                bail!("this link was used before; the terminal of `sage studio` has a new one");
+            }
+            *known = secret()?;
+        }
+        let secret = secret()?;
+        let mut sessions = locked(&self.sessions);
+        sessions.by_secret.insert(secret.clone(), Arc::default());
+        sessions.oldest_first.push(secret.clone());
+        if sessions.oldest_first.len() > MOST_SESSIONS {
+            let oldest = sessions.oldest_first.remove(0);
+            sessions.by_secret.remove(&oldest);
+        }
+        drop(sessions);
+        self.say_link("for another tab or browser, open");
+        Ok(secret)
+    }
+
+    /// The newest request of the session that a request carries.
+    fn newest(&self, headers: &HeaderMap) -> Result<Arc<AtomicU64>, Refused> {
+        let secret = headers.get(SESSION).and_then(|value| value.to_str().ok());
+        let found = secret.and_then(|secret| locked(&self.sessions).by_secret.get(secret).cloned());
+        found.ok_or_else(|| {
+            Refused(StatusCode::UNAUTHORIZED, "open the link that `sage studio` printed".to_owned())
+        })
+    }
+}
+
+/// An answer that is an error.
+struct Refused(StatusCode, String);
+
+impl IntoResponse for Refused {
+    fn into_response(self) -> Response {
+        (self.0, Json(json!({"error": self.1}))).into_response()
+    }
+}
+
+impl From<anyhow::Error> for Refused {
+    fn from(error: anyhow::Error) -> Self {
+        let status = match error.downcast_ref::<Superseded>() {
+            Some(_) => StatusCode::CONFLICT,
+            None => StatusCode::UNPROCESSABLE_ENTITY,
+        };
+        Self(status, format!("{error:#}"))
+    }
+}
+
+/// A newer request of the session made this one pointless.
+#[derive(Debug)]
+struct Superseded;
+
+impl std::fmt::Display for Superseded {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str("a newer request took its place")
+    }
+}
+
+impl std::error::Error for Superseded {}
+
+/// Whether a request may be one of this page: by its host, against names that lead here from elsewhere, and by its origin, which a
+/// browser names in every request that is no plain visit.
+fn is_of_page(headers: &HeaderMap, address: &str) -> bool {
+    let port = address.rsplit(':').next().unwrap_or_default();
+    let is_known = |host: &str| host == address || host.strip_prefix("localhost:") == Some(port);
+    let text = |name| headers.get(name).map(|value| value.to_str().unwrap_or_default());
+    let is_origin = |origin: &str| origin.strip_prefix("http://").is_some_and(is_known);
+    text(header::HOST).is_some_and(is_known) && text(header::ORIGIN).is_none_or(is_origin)
+}
+
+async fn guard(State(server): State<Arc<Server>>, request: Request, next: Next) -> Response {
+    if !is_of_page(request.headers(), &server.address) {
+        return Refused(StatusCode::FORBIDDEN, "this is no request of the page".to_owned()).into_response();
+    }
+    let mut response = next.run(request).await;
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::CACHE_CONTROL, "no-store"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+async fn page() -> Result<Response, Refused> {
+    let nonce = secret()?;
+    let page = sage_view::studio::page("sage studio", &nonce);
+    let page = page.map_err(anyhow::Error::from)?;
+    let policy = format!(
+        "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; img-src data:; \
+         base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    );
+    Ok(([(header::CONTENT_SECURITY_POLICY, policy)], Html(page)).into_response())
+}
+
+/// The content of a request.
+fn content<T: DeserializeOwned>(body: &Bytes) -> Result<T, Refused> {
+    serde_json::from_slice(body).map_err(|error| Refused(StatusCode::BAD_REQUEST, error.to_string()))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Key {
+    key: String,
+}
+
+async fn session(State(server): State<Arc<Server>>, body: Bytes) -> Result<Json<Value>, Refused> {
+    let Key { key } = content(&body)?;
+    let session = server.open(&key).map_err(|error| Refused(StatusCode::UNAUTHORIZED, error.to_string()))?;
+    Ok(Json(json!({"session": session})))
+}
+
+async fn offered(State(server): State<Arc<Server>>, headers: HeaderMap) -> Result<Json<Value>, Refused> {
+    server.newest(&headers)?;
+    Ok(Json(server.offered.clone()))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneNumber {
+    scene: usize,
+}
+
+async fn scene(
+    State(server): State<Arc<Server>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<Json<Value>, Refused> {
+    let SceneNumber { scene } = content(&body)?;
+    work(server, &headers, move |workshop, _| workshop.describe(scene)).await
+}
+
+async fn drive(
+    State(server): State<Arc<Server>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<Json<Value>, Refused> {
+    let wanted: Wanted = content(&body)?;
+    work(server, &headers, move |workshop, check| workshop.drive(&wanted, check)).await
+}
+
+/// Does the newest work of a session. `check` says to older work that it may end.
+async fn work(
+    server: Arc<Server>,
+    headers: &HeaderMap,
+    work: impl FnOnce(&Workshop, &dyn Fn() -> Result<()>) -> Result<Value> + Send + 'static,
+) -> Result<Json<Value>, Refused> {
+    let newest = server.newest(headers)?;
+    let own = newest.fetch_add(1, Ordering::SeqCst) + 1;
+    let (done, answer) = oneshot::channel();
+    let job = move |workshop: &Workshop| {
+        let check = || match newest.load(Ordering::SeqCst) == own {
+            true => Ok(()),
+            false => Err(Superseded.into()),
+        };
+        let guarded = AssertUnwindSafe(|| check().and_then(|()| work(workshop, &check)));
+        let found = catch_unwind(guarded).unwrap_or_else(|_| bail!("the scene could not be worked on"));
+        // Nobody waits for the answer of a tab that was closed.
+        let _ = done.send(found);
+    };
+    let ended = || anyhow::anyhow!("the server ends");
+    server.jobs.send(Box::new(job)).map_err(|_| ended())?;
+    Ok(Json(answer.await.map_err(|_| ended())??))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn requests_of_other_hosts_and_pages_are_refused() {
+        let is_of_page = |host: Option<&str>, origin: Option<&str>| {
+            let mut headers = HeaderMap::new();
+            let pairs = [(header::HOST, host), (header::ORIGIN, origin)];
+            for (name, value) in pairs.into_iter().filter_map(|(name, value)| Some((name, value?))) {
+                headers.insert(name, HeaderValue::from_str(value).unwrap_or(HeaderValue::from_static("")));
+            }
+            super::is_of_page(&headers, "127.0.0.1:4711")
+        };
+        assert!(is_of_page(Some("127.0.0.1:4711"), None));
+        assert!(is_of_page(Some("localhost:4711"), Some("http://localhost:4711")));
+        for host in [None, Some("attacker.example:4711"), Some("127.0.0.1"), Some("localhost:47110")] {
+            assert!(!is_of_page(host, None), "{host:?}");
+        }
+        for origin in ["null", "http://attacker.example", "https://127.0.0.1:4711", "http://127.0.0.1:47", ""]
+        {
+            assert!(!is_of_page(Some("127.0.0.1:4711"), Some(origin)), "{origin}");
+        }
+    }
+}

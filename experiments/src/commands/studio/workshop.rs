@@ -3,7 +3,6 @@
 use std::{
     borrow::Cow,
     collections::{HashMap, VecDeque},
-    path::Path,
     sync::{Arc, Mutex, PoisonError},
 };
 
@@ -27,6 +26,7 @@ use sage_core::{
     objective::{Context, ObjectiveSpec},
     scene::{Scene, SceneIndex},
 };
+use sage_data::Format;
 use sage_run::scenes::Scenes;
 use sage_sim::{SimScene, attack_test::AttackTest, traffic::Plan};
 use sage_view::{
@@ -340,7 +340,7 @@ impl<'w> Workshop<'w> {
         let name = &*self.names[wanted.scene];
         let file = match self.procedural {
             None => Cow::Borrowed(name),
-            Some(_) => Cow::Owned(format!("invented/{name}.pkl")),
+            Some(_) => Cow::Owned(format!("invented/{name}.{}", Format::Native.ending())),
         };
         let mut words: Vec<Cow<str>> = vec!["sage".into(), "simulate".into(), file];
         let mut add = |option: &'static str, value: String| words.extend([option.into(), value.into()]);
@@ -372,8 +372,8 @@ impl<'w> Workshop<'w> {
         match self.procedural {
             None => command,
             Some(seed) => {
-                let count = Path::new(name).file_name().map_or(0, |_| wanted.scene + 1);
-                format!("sage scenes --count {count} --seed {seed} --out invented\n{command}")
+                let count = wanted.scene + 1;
+                format!("sage scenes --count {count} --seed {seed} --out invented --force\n{command}")
             }
         }
     }

@@ -1,0 +1,247 @@
+//! `sage studio`: what its page shows is what `sage simulate` makes, and it answers this page alone.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod program;
+mod studio;
+
+use std::{fs, path::Path, process::Command};
+
+use program::*;
+use serde_json::{Value, json};
+use studio::Studio;
+
+const DRIVERS: [&str; 3] = ["idm", "expert", "pdm"];
+
+/// Sums of the differences that a page holds, in metres.
+fn sums(differences: &Value) -> Vec<f64> {
+    let all = differences.as_array().unwrap().iter().map(|value| value.as_i64().unwrap());
+    let sums = all.scan(0, |sum, difference| {
+        *sum += difference;
+        Some(*sum as f64 / 100.0)
+    });
+    sums.collect()
+}
+
+/// Runs lines of a shell with the real binary as `sage`.
+fn shell(lines: &str, folder: &Path) {
+    let binaries = Path::new(env!("CARGO_BIN_EXE_sage")).parent().unwrap();
+    let path = format!("{}:{}", binaries.display(), std::env::var("PATH").unwrap_or_default());
+    let mut command = Command::new("sh");
+    let output = command.args(["-ec", lines]).current_dir(folder).env("PATH", path).output().unwrap();
+    assert!(output.status.success(), "{lines}\n{}", stderr(&output));
+}
+
+fn wanted(scene: usize, step: usize, drivers: &[usize]) -> Value {
+    json!({"scene": scene, "generator": 0, "dial": "lambda", "step": step, "drivers": drivers, "adversary": null, "without": [], "goal": null})
+}
+
+/// Compares the drives of an answer with those of its own command, run in a folder.
+fn compare(answer: &Value, origin: &Value, folder: &Path) {
+    let command = answer["command"].as_str().unwrap();
+    for old in ["drives", "invented"] {
+        let _ = fs::remove_dir_all(folder.join(old));
+    }
+    shell(command, folder);
+    let files = fs::read_dir(folder.join("drives")).unwrap().map(|entry| entry.unwrap().path());
+    let is_row = |name: &str| name.ends_with(".json") && !["run.json", "manifest.json"].contains(&name);
+    let rows: Vec<Value> = files
+        .filter(|path| is_row(path.file_name().unwrap().to_str().unwrap()))
+        .map(|path| serde_json::from_slice(&fs::read(path).unwrap()).unwrap())
+        .collect();
+    let panels = answer["drives"]["panels"].as_array().unwrap();
+    assert_eq!(rows.len(), panels.len(), "{command}");
+    for panel in panels {
+        let row = rows.iter().find(|row| row["ego"] == panel["name"]).unwrap();
+        let run = &panel["ego"]["runs"][0];
+        let shown = sums(&run["x"]).into_iter().zip(sums(&run["y"]));
+        for ((x, y), state) in shown.zip(row["trajectory"].as_array().unwrap()) {
+            let at = |axis: usize| state[axis].as_f64().unwrap() - origin[axis].as_f64().unwrap();
+            assert!((x - at(0)).abs() < 0.0051 && (y - at(1)).abs() < 0.0051, "{command}");
+        }
+        assert_eq!(panel["verdict"], row["attack"]["verdict"]["attack"], "{command}");
+        let contact = row["contacts"].as_array().unwrap().first();
+        let step = contact.map(|contact| contact["step"].as_i64().unwrap() + 10);
+        assert_eq!(panel["contact"]["frame"].as_i64(), step, "{command}");
+    }
+}
+
+#[test]
+fn the_page_shows_what_its_command_makes() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut studio =
+        Studio::start(&["--procedural", "14", "--seed", "3", "--ego", &DRIVERS.join(",")], folder.path());
+    let session = studio.session();
+    let ask = |path: &str, body: &Value| -> Value {
+        let (status, answer) = studio.post(path, Some(&session), &body.to_string());
+        assert_eq!(status, 200, "{body}: {answer}");
+        serde_json::from_str(&answer).unwrap()
+    };
+    for scene in 0..14 {
+        let described = ask("/scene", &json!({"scene": scene}));
+        let origin = &described["data"]["origin"];
+        let mut wanted = wanted(scene, 4 * (scene % 6), &[scene % 3, (scene + 1) % 3]);
+        let answer = ask("/drive", &wanted);
+        compare(&answer, origin, folder.path());
+        // Another adversary, somebody away, a goal.
+        let users = described["users"].as_array().unwrap();
+        let others: Vec<&Value> = users.iter().filter(|user| user["id"] != described["adversary"]).collect();
+        match scene % 3 {
+            0 => {
+                wanted["adversary"] = others
+                    .iter()
+                    .find(|user| user["canAttack"] == true)
+                    .map_or(Value::Null, |user| user["id"].clone())
+            }
+            1 => wanted["without"] = others.iter().take(2).map(|user| user["id"].clone()).collect(),
+            _ => {
+                let (x, y) = (
+                    &answer["drives"]["panels"][0]["adversary"]["runs"][0]["x"],
+                    &answer["drives"]["panels"][0]["adversary"]["runs"][0]["y"],
+                );
+                let [x, y] = [(x, 0), (y, 1)]
+                    .map(|(d, axis)| sums(d).last().unwrap() + origin[axis].as_f64().unwrap());
+                wanted["goal"] = json!([x + 4.0, y - 3.0]);
+            }
+        }
+        compare(&ask("/drive", &wanted), origin, folder.path());
+    }
+}
+
+#[test]
+fn names_of_strangers_reach_the_shell_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = "it's $(touch broken) \"x\" `id`.pkl";
+    fs::copy(example(), folder.path().join(name)).unwrap();
+    let mut studio = Studio::start(&[name], folder.path());
+    let session = studio.session();
+    let (status, answer) = studio.post("/drive", Some(&session), &wanted(0, 20, &[0]).to_string());
+    assert_eq!(status, 200, "{answer}");
+    let answer: Value = serde_json::from_str(&answer).unwrap();
+    shell(answer["command"].as_str().unwrap(), folder.path());
+    assert!(folder.path().join("drives/run.json").is_file() && !folder.path().join("broken").exists());
+}
+
+#[test]
+fn a_link_opens_one_session_and_nobody_else_is_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut studio = Studio::start(&["--procedural", "2"], folder.path());
+    let first = studio.key.clone();
+    let session = studio.session();
+    let again = studio.post("/session", None, &json!({"key": first}).to_string());
+    assert_eq!(again.0, 401, "{again:?}");
+    assert!(again.1.contains("used before"), "{again:?}");
+    // The page itself holds nothing of a scene.
+    let host = format!("Host: {}\r\n", studio.address);
+    let (status, page) = studio.send(&format!("GET / HTTP/1.1\r\n{host}Connection: close\r\n\r\n"));
+    assert!(status == 200 && !page.contains("straight-0-0"));
+    for path in ["/offered", "/scene", "/drive"] {
+        for session in [None, Some(""), Some("00000000000000000000000000000000"), Some(&*first)] {
+            assert_eq!(
+                studio.post(path, session, &wanted(0, 0, &[0]).to_string()).0,
+                if path == "/scene" { 400 } else { 401 },
+                "{path} {session:?}"
+            );
+        }
+    }
+    assert_eq!(studio.post("/scene", None, r#"{"scene": 0}"#).0, 401);
+    let own = format!("X-Session: {session}\r\n");
+    for (head, expected) in [
+        ("Host: attacker.example\r\n".to_owned(), 403),
+        (format!("{host}Origin: http://attacker.example\r\n"), 403),
+        (format!("{host}Origin: null\r\n"), 403),
+        (String::new(), 400),
+    ] {
+        let (status, _) = studio.send(&format!(
+            "POST /offered HTTP/1.1\r\n{head}{own}Content-Length: 0\r\nConnection: close\r\n\r\n"
+        ));
+        assert!(status == expected || (head.is_empty() && status == 403), "{head}: {status}");
+    }
+    assert_eq!(studio.post("/offered", Some(&session), "").0, 200);
+}
+
+#[test]
+fn wrong_requests_get_an_error_and_the_next_one_an_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut studio = Studio::start(&["--procedural", "2"], folder.path());
+    let session = studio.session();
+    let with = |key: &str, value: Value| {
+        let mut one = wanted(0, 20, &[0]);
+        one[key] = value;
+        one.to_string()
+    };
+    let deep = "[".repeat(5000) + &"]".repeat(5000);
+    for (body, expected) in [
+        (String::new(), 400),
+        ("null".to_owned(), 400),
+        ("{".to_owned(), 400),
+        (deep, 400),
+        (format!("\"{}\"", "x".repeat(70_000)), 413),
+        (with("scene", json!(2)), 422),
+        (with("scene", json!(-1)), 400),
+        (with("scene", json!("../../etc/passwd")), 400),
+        (with("scene", json!(18_446_744_073_709_551_615_u64)), 422),
+        (with("generator", json!(1)), 422),
+        (with("dial", json!("mu")), 400),
+        (with("step", json!(21)), 422),
+        (with("step", json!(1.5)), 400),
+        (with("drivers", json!([])), 422),
+        (with("drivers", json!([0, 1, 0])), 422),
+        (with("drivers", json!([9])), 422),
+        (with("drivers", json!("idm")), 400),
+        (with("adversary", json!("nobody")), 422),
+        (with("adversary", json!(["6"])), 400),
+        (with("without", json!(["<script>"])), 422),
+        (with("without", json!("6")), 400),
+        (with("without", json!(vec!["x"; 8000])), 422),
+        (with("goal", json!([1.0])), 400),
+        (with("goal", json!(["1", "2"])), 400),
+        (with("command", json!("rm")), 400),
+    ] {
+        let (status, answer) = studio.post("/drive", Some(&session), &body);
+        assert_eq!(status, expected, "{} {answer}", &body[..body.len().min(200)]);
+        if status != 413 {
+            assert!(serde_json::from_str::<Value>(&answer).unwrap()["error"].is_string(), "{answer}");
+        }
+    }
+    for path in ["/nothing", "/../secret", "/drive/x", "/%2e%2e"] {
+        assert_eq!(studio.post(path, Some(&session), "{}").0, 404, "{path}");
+    }
+    // A goal far away is none that a plan reaches, but one that is nearest.
+    assert_eq!(studio.post("/drive", Some(&session), &with("goal", json!([1e300, -1e300]))).0, 200);
+    assert_eq!(studio.post("/drive", Some(&session), &wanted(1, 0, &[1, 0]).to_string()).0, 200);
+}
+
+#[test]
+fn closed_connections_and_many_tabs_leave_it_running() {
+    use std::{io::Write as _, net::TcpStream};
+
+    let folder = tempfile::tempdir().unwrap();
+    let mut studio = Studio::start(&["--procedural", "4"], folder.path());
+    let sessions: Vec<String> = (0..40).map(|_| studio.session()).collect();
+    // The oldest ended.
+    assert_eq!(studio.post("/offered", Some(&sessions[0]), "").0, 401);
+    let session = &sessions[39];
+    for _ in 0..20 {
+        let body = wanted(3, 7, &[0, 1]).to_string();
+        let mut stream = TcpStream::connect(&studio.address).unwrap();
+        let head = format!(
+            "POST /drive HTTP/1.1\r\nHost: {}\r\nX-Session: {session}\r\nContent-Length: {}\r\n\r\n",
+            studio.address,
+            body.len()
+        );
+        stream.write_all((head + &body[..body.len() / 2]).as_bytes()).unwrap();
+    }
+    // Of requests at once the newest is always answered; older ones may be given up.
+    std::thread::scope(|scope| {
+        let asked: Vec<_> = (0..8)
+            .map(|step| {
+                let (studio, body) = (&studio, wanted(step % 4, step, &[0]).to_string());
+                scope.spawn(move || studio.post("/drive", Some(session), &body).0)
+            })
+            .collect();
+        let found: Vec<u16> = asked.into_iter().map(|thread| thread.join().unwrap()).collect();
+        assert!(found.contains(&200) && found.iter().all(|status| [200, 409].contains(status)), "{found:?}");
+    });
+    assert_eq!(studio.post("/drive", Some(&sessions[20]), &wanted(0, 0, &[0]).to_string()).0, 200);
+}

@@ -232,7 +232,9 @@ document.addEventListener("keydown", (e) => {
   const key = e.key.length === 1 ? e.key.toLowerCase() : e.key;
   // Space also presses the button and ticks the box that the keyboard is on.
   if (e.key === " " && ((e.target.tagName === "BUTTON" && e.target.id !== "play") || e.target.type === "checkbox")) return;
-  if (e.target.id === "value" && /^(Arrow|Home|End|Page)/.test(e.key)) return;
+  // A slider beside that of the time has its own keys, and a text field has all.
+  if (e.target.type === "range" && e.target.id !== "time" && /^(Arrow|Home|End|Page)/.test(e.key)) return;
+  if (e.target.type === "search") return;
   const digit = Number(key), boxes = units();
   const action = keys[key] || (digit >= 1 && digit <= boxes.length && key !== " " ? () => alone(boxes[digit - 1]) : null);
   if (action) { e.preventDefault(); action(e); }

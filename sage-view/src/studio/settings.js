@@ -128,6 +128,7 @@ function showSettings() {
   document.querySelectorAll("[name=dial]").forEach((e) => (e.checked = e.value === wanted.dial));
   element("dial").max = offered.steps - 1;
   element("dial").value = wanted.step;
+  element("dial").setAttribute("aria-label", wanted.dial);
   const value = (wanted.step / (offered.steps - 1)).toFixed(2);
   element("dial-value").textContent = `${wanted.dial === "lambda" ? "λ" : wanted.dial} ${value}`;
   element("dial").setAttribute("aria-valuetext", `${wanted.dial} ${value}`);
@@ -141,7 +142,8 @@ function placeIn(panel, event) {
   const box = panel.canvas.getBoundingClientRect();
   return { x: panel.middle.x + (event.clientX - box.left - box.width / 2) / view.scale, y: panel.middle.y - (event.clientY - box.top - box.height / 2) / view.scale };
 }
-const panelOf = (event) => panels.find((p) => p.canvas === event.target);
+// While the mouse is down the view has its events, else the picture in it.
+const panelOf = (event) => panels.find((p) => p.canvas === event.target || p.canvas.parentElement === event.target);
 const endOf = (panel) => panel.adversary && { x: panel.adversary.x.at(-1), y: panel.adversary.y.at(-1) };
 const REACH = 9; // of a handle, pixels
 

@@ -408,3 +408,22 @@ impl Cli {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// clap itself looks only in builds with debug assertions.
+    #[test]
+    fn no_option_of_a_command_has_the_name_of_another() {
+        fn check(command: &clap::Command) {
+            let mut names: Vec<&str> = command.get_arguments().filter_map(|arg| arg.get_long()).collect();
+            let count = names.len();
+            names.sort_unstable();
+            names.dedup();
+            assert_eq!(names.len(), count, "{}: {names:?}", command.get_name());
+            command.get_subcommands().for_each(check);
+        }
+        check(&Cli::described());
+    }
+}

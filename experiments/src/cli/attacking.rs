@@ -263,13 +263,13 @@ pub(crate) struct CalibrateArgs {
     /// Rate that rises linearly: all attacks, or believable ones (default: believable; attack for a selection
     /// under the paper's feasibility rule).
     #[arg(long, help_heading = SELECTION, value_enum, value_name = "NAME")]
-    pub rate: Option<RateArg>,
+    pub attack_rate: Option<RateArg>,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
     /// Fit the temperature and the timing of the prior to recorded vehicles instead of a dial.
-    #[arg(long, conflicts_with_all = ["selection", "rate", "feasibility", "merger"])]
+    #[arg(long, conflicts_with_all = ["selection", "attack_rate", "feasibility", "merger"])]
     pub nominal: bool,
     /// Scenes for which coverage and timing are reported too, without a fit to them.
     #[arg(long, value_name = "PATH", requires = "nominal")]

@@ -62,7 +62,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
         let spec = selection.objective.spec();
         let by_rule =
             if spec.feasibility.name == PartSpec::default().name { Rate::Attack } else { Rate::Believable };
-        let rate = args.rate.map_or(by_rule, Rate::from);
+        let rate = args.attack_rate.map_or(by_rule, Rate::from);
         let mu = grid.fit(rate, AGGRESSIONS)?;
         let at = |a: &f64| -> Result<_> {
             let (lambda, mu) = mu.lambda_and_mu(*a)?;

@@ -15,10 +15,7 @@ const LEFT: &str = "\u{E012}";
 
 /// The page with its first drives.
 fn opened(width: u32, height: u32) -> Option<(Studio, Browser, tempfile::TempDir)> {
-    let Some(browser) = Browser::start(width, height) else {
-        eprintln!("left out: the page of the studio needs ChromeDriver (or SAGE_CHROMEDRIVER)");
-        return None;
-    };
+    let browser = Browser::start(width, height)?;
     let folder = tempfile::tempdir().unwrap();
     let studio = Studio::start(&["--procedural", "7", "--ego", "idm,expert"], folder.path());
     browser.open(&studio.link());

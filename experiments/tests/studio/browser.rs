@@ -1,5 +1,7 @@
 //! A browser that a test drives, by the WebDriver protocol.
 
+#![allow(dead_code)] // Each program uses a part of it.
+
 use std::{
     io::{BufRead as _, BufReader, Read as _, Write as _},
     net::TcpStream,
@@ -16,8 +18,18 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// `None` where there is no Chromium with its driver.
+    /// `None`, with a note, where there is no Chromium with its driver, or it does not start.
     pub fn start(width: u32, height: u32) -> Option<Self> {
+        let started = Self::started(width, height);
+        if started.is_none() {
+            eprintln!(
+                "left out: the page of the studio needs Chromium with ChromeDriver (or SAGE_CHROMEDRIVER)"
+            );
+        }
+        started
+    }
+
+    fn started(width: u32, height: u32) -> Option<Self> {
         let driver = std::env::var("SAGE_CHROMEDRIVER").unwrap_or_else(|_| "chromedriver".to_owned());
         let mut driver = Command::new(driver).arg("--port=0").stdout(Stdio::piped()).spawn().ok()?;
         let mut lines = BufReader::new(driver.stdout.take().unwrap()).lines();
@@ -27,7 +39,7 @@ impl Browser {
                 line.split_once("started successfully on port ")?.1.trim_end_matches('.').parse::<u16>();
             port.ok()
         });
-        let port = port.expect("it names its port");
+        let port = port?;
         // What it goes on to print must find a reader.
         std::thread::spawn(move || lines.for_each(drop));
         let mut browser = Self { driver, address: format!("127.0.0.1:{port}"), session: String::new() };
@@ -38,8 +50,8 @@ impl Browser {
             "goog:chromeOptions": {"args": arguments},
             "goog:loggingPrefs": {"browser": "ALL"},
         }}});
-        let made = browser.ask("POST", "/session", &wanted).expect("a session");
-        browser.session = format!("/session/{}", made["sessionId"].as_str().unwrap());
+        let made = browser.ask("POST", "/session", &wanted)?;
+        browser.session = format!("/session/{}", made["sessionId"].as_str()?);
         Some(browser)
     }
 
@@ -65,7 +77,10 @@ impl Browser {
         let mut body = vec![0; length];
         answer.read_exact(&mut body).ok()?;
         let value: Value = serde_json::from_slice(&body).ok()?;
-        assert!(value["value"].get("error").is_none(), "{path}: {value}");
+        if let Some(error) = value["value"].get("error") {
+            eprintln!("{path}: {error}: {}", value["value"]["message"]);
+            return None;
+        }
         Some(value["value"].clone())
     }
 
@@ -80,6 +95,11 @@ impl Browser {
     /// What a function body of JavaScript returns.
     pub fn run(&self, script: &str) -> Value {
         self.of_session("POST", "/execute/sync", &json!({"script": script, "args": []}))
+    }
+
+    /// What a function body gives to its last argument, which is a function.
+    pub fn run_async(&self, script: &str) -> Value {
+        self.of_session("POST", "/execute/async", &json!({"script": script, "args": []}))
     }
 
     /// Waits until an expression is true.

@@ -23,14 +23,15 @@ pub struct Studio {
 
 impl Studio {
     pub fn start(arguments: &[&str], folder: &Path) -> Self {
-        let mut program = Command::new(env!("CARGO_BIN_EXE_sage"))
-            .arg("studio")
-            .args(arguments)
-            .current_dir(folder)
-            .env_remove("SAGE_WEIGHTS")
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut program =
+            Command::new(std::env::var("SAGE_COMMAND").unwrap_or(env!("CARGO_BIN_EXE_sage").to_owned()))
+                .arg("studio")
+                .args(arguments)
+                .current_dir(folder)
+                .env_remove("SAGE_WEIGHTS")
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap();
         let messages = BufReader::new(program.stderr.take().unwrap());
         let mut studio = Self { program, messages, address: String::new(), key: String::new() };
         studio.read_link();

@@ -100,7 +100,10 @@ function draw(answer) {
   scene.adversary = answer.adversary;
   traffic = scene.bodies.filter(({ id }) => id !== answer.adversary && !wanted.without.includes(id)).map(({ body }) => body);
   paths = data.paths.map(({ kind, x, y }) => ({ kind, x: sums(x, 1e-1), y: sums(y, 1e-1) }));
+  const middles = panels.map((p) => p.middle);
   decodePanels();
+  // Where the mouse is must be known before the next frame.
+  panels.forEach((p, k) => (p.middle = middles[k]));
   group();
   build();
   if (isNew) alone(null);
@@ -140,6 +143,7 @@ function showSettings() {
 // Where a point of the screen lies in a panel, metres from the origin of the page.
 function placeIn(panel, event) {
   const box = panel.canvas.getBoundingClientRect();
+  panel.middle ||= centre(panel, Math.min(view.time, panel.end));
   return { x: panel.middle.x + (event.clientX - box.left - box.width / 2) / view.scale, y: panel.middle.y - (event.clientY - box.top - box.height / 2) / view.scale };
 }
 // While the mouse is down the view has its events, else the picture in it.
@@ -150,6 +154,17 @@ const REACH = 9; // of a handle, pixels
 overlay = (c, panel, pixel) => {
   const end = endOf(panel);
   if (!end) return;
+  if (wanted.goal) {
+    const [x, y] = wanted.goal.map((value, axis) => value - scene.data.origin[axis]), reach = 5 * pixel;
+    c.beginPath();
+    for (const side of [-1, 1]) {
+      c.moveTo(x - reach, y - side * reach);
+      c.lineTo(x + reach, y + side * reach);
+    }
+    c.strokeStyle = colour.adversary;
+    c.lineWidth = 2 * pixel;
+    c.stroke();
+  }
   c.beginPath();
   c.arc(end.x, end.y, 6 * pixel, 0, 7);
   c.fillStyle = "#fff";

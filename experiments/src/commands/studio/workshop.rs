@@ -21,10 +21,10 @@ use advsage::{
 use anyhow::{Context as _, Result, ensure};
 use sage_core::{
     generator::Attack,
-    geometry::Point,
+    geometry::{Point, distance},
     motion::NOW,
     objective::{Context, ObjectiveSpec},
-    scene::{Scene, SceneIndex},
+    scene::{Scene, SceneIndex, Track, TrackKind},
 };
 use sage_data::Format;
 use sage_run::scenes::Scenes;
@@ -202,10 +202,14 @@ impl<'w> Workshop<'w> {
         let data = self.scene(number)?;
         let scene = &data.scene;
         let can_attack = |id: &str| (**scene).clone().with_roles(None, Some(id)).is_ok();
-        let users =
-            scene.tracks.iter().enumerate().filter(|(k, track)| *k != scene.ego && track.is_valid(NOW));
-        let users = users.map(|(_, track)| {
-            let is_vehicle = track.kind == sage_core::scene::TrackKind::Vehicle;
+        // The nearest first.
+        let gap = |track: &Track| distance(track.point(NOW), scene.ego().point(NOW));
+        let is_shown = |(k, track): &(usize, &Track)| *k != scene.ego && track.is_valid(NOW);
+        let mut users: Vec<&Track> =
+            scene.tracks.iter().enumerate().filter(is_shown).map(|(_, track)| track).collect();
+        users.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
+        let users = users.into_iter().map(|track| {
+            let is_vehicle = track.kind == TrackKind::Vehicle;
             json!({
                 "id": track.id,
                 "kind": track.kind.name().to_lowercase(),

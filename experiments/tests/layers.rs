@@ -7,7 +7,7 @@ use std::{
 };
 
 /// The crates of the workspace from the lowest layer to the highest, each with the lower ones that it may not depend on.
-const LAYERS: [(&str, &[&str]); 16] = [
+const LAYERS: [(&str, &[&str]); 17] = [
     ("sage-core", &[]),
     ("weights", &["sage-core"]),
     ("sage-data", &["sage-weights"]),
@@ -51,6 +51,7 @@ const LAYERS: [(&str, &[&str]); 16] = [
     ("sage-bench", &["sage-weights", "sage-view", "sage-run"]),
     ("experiments", &["sage-weights"]),
     ("sage-python", &["sage-weights", "sage-baselines", "theory_checks", "sage-bench", "experiments"]),
+    ("sage-python/module", &[]),
 ];
 
 fn workspace() -> PathBuf {

@@ -1,4 +1,4 @@
-//! The module `advsage._advsage` of Python: types and errors. All work is done by the libraries.
+//! The types and errors of the module `advsage._advsage` of Python, which `module` builds. All work is done by the libraries.
 //!
 //! - What a user works with: `scene`, `loading` and `folder`; `generator`, `attack` and `attacks`; `scoring`; `driven`, `episode` and
 //!   `episodes`; `searching` and `evaluating`; `inspecting`.
@@ -39,8 +39,10 @@ mod values;
 
 use pyo3::prelude::*;
 
-#[pymodule(gil_used = true)]
-fn _advsage(module: &Bound<'_, PyModule>) -> PyResult<()> {
+/// Fills the module with its types and functions.
+///
+/// *Errors*: those of Python.
+pub fn fill(module: &Bound<'_, PyModule>) -> PyResult<()> {
     // One thread works on one scene: products are never split, whatever the environment says.
     gemm::set_threading_threshold(usize::MAX);
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;

@@ -1,6 +1,6 @@
 //! A browser that a test drives, by the WebDriver protocol.
 
-#![allow(dead_code)] // Each program uses a part of it.
+#![allow(dead_code, clippy::print_stderr)] // Each program uses a part of it.
 
 use std::{
     io::{BufRead as _, BufReader, Read as _, Write as _},

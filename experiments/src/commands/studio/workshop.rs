@@ -129,14 +129,16 @@ pub(super) struct Wanted {
     goal: Option<Point>,
 }
 
+/// Attacks at all places, by the numbers of their generator and dial.
+type Attacks = HashMap<(usize, usize), Arc<Vec<Attack>>>;
+
 /// A driver in a scene, after its drive without an attack, with the attacks on it.
 struct Ready<'w> {
     key: ReadyKey,
     scene: Arc<Scene>,
     test: AttackTest<'w>,
     ctx: Context,
-    /// By generator and dial, at all places.
-    attacks: Mutex<HashMap<(usize, usize), Arc<Vec<Attack>>>>,
+    attacks: Mutex<Attacks>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]

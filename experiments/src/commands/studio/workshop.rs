@@ -153,6 +153,8 @@ struct ReadyKey {
 pub(super) struct Workshop<'w> {
     scenes: Scenes,
     names: Vec<String>,
+    /// Names as the page shows them: without the folder of all.
+    labels: Vec<String>,
     /// Seed of procedural scenes; `None` for scenes of files.
     procedural: Option<u64>,
     seed: u64,
@@ -160,6 +162,17 @@ pub(super) struct Workshop<'w> {
     methods: Vec<Method>,
     registries: &'w Registries,
     ready: Mutex<VecDeque<Arc<Ready<'w>>>>,
+}
+
+/// Paths without the folder in which all of them lie.
+fn labels(paths: &[String]) -> Vec<String> {
+    let folder = |path: &str| path.rfind('/').map_or(0, |slash| slash + 1);
+    let mut shared = paths.first().map_or("", |path| &path[..folder(path)]);
+    while let Some(other) = paths.iter().find(|path| !path.starts_with(shared)) {
+        let common = shared.bytes().zip(other.bytes()).take_while(|(a, b)| a == b).count();
+        shared = &shared[..folder(&shared[..shared.floor_char_boundary(common)])];
+    }
+    paths.iter().map(|path| path[shared.len()..].to_owned()).collect()
 }
 
 /// What is said of a drive.
@@ -180,16 +193,27 @@ impl<'w> Workshop<'w> {
         registries: &'w Registries,
     ) -> Self {
         let names = scenes.names();
+        let labels = labels(&names);
         let procedural = args.scenes.is_empty().then_some(args.seed);
         let seed = args.seed;
-        Self { scenes, names, procedural, seed, drivers, methods, registries, ready: Mutex::default() }
+        Self {
+            scenes,
+            names,
+            labels,
+            procedural,
+            seed,
+            drivers,
+            methods,
+            registries,
+            ready: Mutex::default(),
+        }
     }
 
     /// What the page chooses among.
     pub(super) fn offered(&self) -> Value {
         let drivers: Vec<&str> = self.drivers.iter().map(|driver| &*driver.label).collect();
         let generators: Vec<Value> = self.methods.iter().map(Method::offered).collect();
-        json!({"scenes": self.names, "generators": generators, "drivers": drivers, "steps": STEPS})
+        json!({"scenes": self.labels, "generators": generators, "drivers": drivers, "steps": STEPS})
     }
 
     fn scene(&self, number: usize) -> Result<Arc<sage_core::scene::SceneData>> {
@@ -219,7 +243,7 @@ impl<'w> Workshop<'w> {
             })
         });
         Ok(json!({
-            "data": SceneData::of(scene, &self.names[number]),
+            "data": SceneData::of(scene, &self.labels[number]),
             "users": users.collect::<Vec<_>>(),
             "adversary": scene.adversary.map(|k| &scene.tracks[k].id),
         }))
@@ -324,7 +348,7 @@ impl<'w> Workshop<'w> {
         let row = planned.row(outcome.verdict, &outcome.episode, ready.test.unattacked())?;
         let head = RowHead {
             run_hash: "",
-            scene: &self.names[wanted.scene],
+            scene: &self.labels[wanted.scene],
             ego: &self.drivers[driver].label,
             generated: None,
             source_hash: "",
@@ -399,5 +423,21 @@ impl Driven<'_> {
     fn panel(&self) -> Panel<'_> {
         let unattacked = player::shown_part(self.ready.test.unattacked());
         self.row.panel(self.label.clone(), &self.episode, Some(&self.plan.motion), Some(unattacked))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::labels;
+
+    #[test]
+    fn scenes_are_shown_without_the_folder_that_they_share() {
+        let of = |paths: &[&str]| labels(&paths.iter().map(|path| (*path).to_owned()).collect::<Vec<_>>());
+        assert_eq!(of(&["/a/b/1.pkl", "/a/b/2.pkl"]), ["1.pkl", "2.pkl"]);
+        assert_eq!(of(&["/a/bc/1.pkl", "/a/bd/x/2.pkl"]), ["bc/1.pkl", "bd/x/2.pkl"]);
+        assert_eq!(of(&["/é/1.pkl", "/è/2.pkl"]), ["é/1.pkl", "è/2.pkl"]);
+        assert_eq!(of(&["x.pkl", "/a/y.pkl"]), ["x.pkl", "/a/y.pkl"]);
+        assert_eq!(of(&["four-way-1-0"]), ["four-way-1-0"]);
+        assert!(of(&[]).is_empty());
     }
 }

@@ -135,6 +135,8 @@ function showSettings() {
   const value = (wanted.step / (offered.steps - 1)).toFixed(2);
   element("dial-value").textContent = `${wanted.dial === "lambda" ? "λ" : wanted.dial} ${value}`;
   element("dial").setAttribute("aria-valuetext", `${wanted.dial} ${value}`);
+  if (!generator.aims) wanted.goal = null;
+  element("goal").parentElement.hidden = !generator.aims;
   element("no-goal").hidden = !wanted.goal;
 }
 
@@ -148,7 +150,7 @@ function placeIn(panel, event) {
 }
 // While the mouse is down the view has its events, else the picture in it.
 const panelOf = (event) => panels.find((p) => p.canvas === event.target || p.canvas.parentElement === event.target);
-const endOf = (panel) => panel.adversary && { x: panel.adversary.x.at(-1), y: panel.adversary.y.at(-1) };
+const endOf = (panel) => panel.adversary && offered.generators[wanted.generator].aims && { x: panel.adversary.x.at(-1), y: panel.adversary.y.at(-1) };
 const REACH = 9; // of a handle, pixels
 
 overlay = (c, panel, pixel) => {

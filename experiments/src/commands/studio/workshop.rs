@@ -27,7 +27,7 @@ use sage_core::{
     scene::{Scene, SceneIndex, Track, TrackKind},
 };
 use sage_data::Format;
-use sage_run::scenes::Scenes;
+use sage_run::{networks, scenes::Scenes};
 use sage_sim::{SimScene, attack_test::AttackTest, traffic::Plan};
 use sage_view::{
     player::{self, Panel},
@@ -90,7 +90,7 @@ impl Method {
             ..GeneratorSpec::default()
         };
         let lambda = OperatingPoints { lambda: places(), ..OperatingPoints::default() };
-        let first = sage_run::networks::build_generator(spec(lambda), registries)?;
+        let first = spec(lambda).checked(registries)?.build(networks::announce_experts)?;
         let uses_point = first.built.facts.uses_operating_point();
         let mut dials = vec![(uses_point.then_some(Dial::Lambda), first)];
         if uses_point {
@@ -105,7 +105,9 @@ impl Method {
 
     fn offered(&self) -> Value {
         let dials: Vec<Dial> = self.dials.iter().filter_map(|(dial, _)| *dial).collect();
-        json!({"name": self.part.to_string(), "dials": dials})
+        // A goal is a selection, on which some generators do not depend.
+        let aims = self.dials[0].1.built.facts.depends_on_mu;
+        json!({"name": self.part.to_string(), "dials": dials, "aims": aims})
     }
 
     fn at(&self, dial: Dial) -> Option<(usize, &NamedGenerator)> {

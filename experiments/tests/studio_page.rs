@@ -96,6 +96,14 @@ fn a_person_tries_an_attack_with_the_mouse() {
     assert!(command(&browser).contains(&format!("--adversary {other} ")), "{}", command(&browser));
     assert_eq!(browser.run("return scene.adversary"), json!(other));
 
+    // A drive that is shown alone stays so.
+    browser.run("alone(panels[1])");
+    drawn(&browser, || {
+        browser.run("element('dial').value = 9; element('dial').dispatchEvent(new Event('input'))");
+    });
+    assert_eq!(browser.run("return panels.map((p) => p.box.hidden)"), json!([true, false]));
+    browser.run("alone(null)");
+
     // One driver alone, another scene.
     drawn(&browser, || {
         browser.run("element('second').value = ''; element('second').dispatchEvent(new Event('change'))");
@@ -116,6 +124,14 @@ fn a_person_tries_an_attack_with_the_keyboard_alone() {
     assert!(command(&browser).contains("--lambda 0.85 "), "{}", command(&browser));
     // The keys of the player stay with the slider while it has the keyboard.
     assert_eq!(browser.run("return view.time === now"), true);
+    // The list of road users keeps the keyboard.
+    drawn(&browser, || {
+        browser.run("document.querySelector('#users li:not(.adversary) button:last-child').focus()");
+        browser.press(" ");
+    });
+    assert!(command(&browser).contains("--without "), "{}", command(&browser));
+    drawn(&browser, || browser.press(" "));
+    assert!(!command(&browser).contains("--without "), "{}", command(&browser));
     browser.run("element('filter').focus()");
     browser.press("four c");
     assert_eq!(browser.run("return element('filter').value"), "four c");

@@ -3,7 +3,6 @@
 let offered = null; // what the server offers
 const wanted = { scene: 0, generator: 0, dial: "lambda", step: 0, drivers: [0], adversary: null, without: [], goal: null };
 let scene = null; // as the server describes it
-let selected = null; // the road user of the menu
 
 function option(select, value, text) {
   const one = document.createElement("option");
@@ -24,18 +23,27 @@ function listScenes() {
   element("count").textContent = found.length > MOST_LISTED ? `${MOST_LISTED} of ${found.length} that match are listed` : `${found.length} of ${offered.scenes.length}`;
 }
 
+let listed = ""; // what the list shows
 function listUsers() {
-  const list = element("users");
+  const shows = JSON.stringify([wanted.scene, scene.adversary, wanted.without]);
+  if (shows === listed) return;
+  const list = element("users"), focused = document.activeElement?.closest("#users li")?.dataset.id;
+  const top = JSON.parse(listed || "[]")[0] === wanted.scene ? list.scrollTop : 0;
+  listed = shows;
   list.replaceChildren();
   for (const user of scene.users) {
     const row = document.createElement("li"), name = document.createElement("span"), isAway = wanted.without.includes(user.id);
+    row.dataset.id = user.id;
     row.className = user.id === adversary() ? "adversary" : isAway ? "away" : "";
     name.textContent = `${user.id}, ${user.kind}${user.id === adversary() ? ", adversary" : ""}`;
     row.append(name);
     if (user.canAttack && !isAway && user.id !== adversary()) row.append(button("attack", () => attackWith(user.id), `Attack with ${user.id}`));
     row.append(button(isAway ? "back" : "away", () => toggle(user.id), `${isAway ? "Bring back" : "Take away"} ${user.id}`));
     list.append(row);
+    // The keyboard stays with the road user.
+    if (user.id === focused) row.lastChild.focus();
   }
+  list.scrollTop = top;
 }
 
 function button(text, action, label = text) {
@@ -100,8 +108,9 @@ function draw(answer) {
   scene.adversary = answer.adversary;
   traffic = scene.bodies.filter(({ id }) => id !== answer.adversary && !wanted.without.includes(id)).map(({ body }) => body);
   paths = data.paths.map(({ kind, x, y }) => ({ kind, x: sums(x, 1e-1), y: sums(y, 1e-1) }));
-  const middles = panels.map((p) => p.middle);
+  const middles = panels.map((p) => p.middle), lone = panels.indexOf(view.alone);
   decodePanels();
+  view.alone = panels[lone] || null;
   // Where the mouse is must be known before the next frame.
   panels.forEach((p, k) => (p.middle = middles[k]));
   group();
@@ -210,7 +219,6 @@ element("panels").addEventListener("pointerup", (event) => {
 function openMenu(id, event) {
   const user = scene.users.find((user) => user.id === id), menu = element("menu");
   if (!user) return;
-  selected = id;
   menu.replaceChildren();
   if (user.canAttack) menu.append(button(`attack with ${id}`, () => attackWith(id)));
   menu.append(button(`take ${id} away`, () => toggle(id)));
@@ -219,7 +227,7 @@ function openMenu(id, event) {
   menu.hidden = false;
   menu.firstChild.focus();
 }
-function closeMenu() { element("menu").hidden = true; selected = null; }
+function closeMenu() { element("menu").hidden = true; }
 
 // --- controls ---
 

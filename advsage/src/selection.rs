@@ -52,6 +52,16 @@ impl Selection {
     }
 }
 
+/// The selection, as JSON, of the feasible plan that ends nearest to a place `X,Y`, metres in the scene's frame.
+///
+/// *Errors*: a text that is no place.
+pub fn ends_near(place: &str) -> std::result::Result<String, String> {
+    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
+    let point = place.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
+    let point = point.ok_or("expected two numbers of metres, such as 12.5,-3")?;
+    serde_json::to_string(&ObjectiveSpec::ends_near(point)).map_err(|error| error.to_string())
+}
+
 fn read(name: &str) -> Result<ObjectiveSpec> {
     if name.trim_start().starts_with('{') {
         return serde_json::from_str(name).with_context(|| format!("selection `{name}`"));

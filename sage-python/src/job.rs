@@ -8,6 +8,7 @@ use advsage::{
     in_one_line, latest_start,
     named_generator::GeneratorSpec,
     operating_point::{OperatingPoints, number},
+    selection::ends_near,
 };
 use pyo3::{prelude::*, types::PyDict};
 use sage_data::ReadOptions;
@@ -72,7 +73,10 @@ impl Words<'_, '_> {
             options: self.parsed("options")?,
             points,
             merger: self.required("merger")?,
-            selection: self.required("selection")?,
+            selection: match self.read("goal", ends_near)? {
+                Some(selection) => selection,
+                None => self.required("selection")?,
+            },
             weights: self.text("weights")?,
             seed: self.required("seed")?,
             feasibility: self.parsed("feasibility")?,

@@ -43,14 +43,14 @@ impl Reading {
 /// - `strict`: refuse a scene in which a track cannot be used, in place of leaving the track out with a note.
 /// - `keep_source=False`: drop what the file holds beyond the scene, which halves the memory; the scene is written as a new file then.
 #[pyfunction]
-#[pyo3(signature = (path, *, ego=None, adversary=None, without=vec![], now=None, resample=false, rate=None, trust_positions=false, strict=false, keep_source=true))]
+#[pyo3(signature = (path, *, ego=None, adversary=None, without=None, now=None, resample=false, rate=None, trust_positions=false, strict=false, keep_source=true))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub(crate) fn load(
     py: Python<'_>,
     path: PathBuf,
     ego: Option<String>,
     adversary: Option<String>,
-    without: Vec<String>,
+    without: Option<Vec<String>>,
     #[pyo3(from_py_with = crate::seed::optional_count)] now: Option<usize>,
     resample: bool,
     rate: Option<f64>,
@@ -59,6 +59,7 @@ pub(crate) fn load(
     keep_source: bool,
 ) -> PyResult<PyScene> {
     let rate = checked_rate(rate)?;
+    let without = without.unwrap_or_default();
     let options = ReadOptions { now, resample, rate, trust_positions, ego_track: ego, without, strict };
     let reading = Reading { options, keep_source };
     detached(py, || {

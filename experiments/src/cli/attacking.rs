@@ -4,11 +4,10 @@ use std::path::PathBuf;
 
 use advsage::{
     AdversarySpec, PersonKind, attacked_files::AttackFormats, driver_spec::DriverSpec, latest_start,
-    named_generator::GeneratorSpec, part::Part,
+    named_generator::GeneratorSpec, part::Part, selection::ends_near,
 };
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use sage_core::{geometry::Point, objective::ObjectiveSpec};
 use sage_data::dataset::Shard;
 use sage_generators::{Placement, Rate};
 use sage_run::generate::GenerateOptions;
@@ -137,8 +136,8 @@ pub(crate) struct AttackArgs {
     pub generator: GeneratorSpec,
     /// Select the feasible plan that ends nearest to this place, metres in the scene's frame: --selection of the reward
     /// `goal-distance`.
-    #[arg(long, help_heading = SELECTION, value_name = "X,Y", value_parser = goal, allow_hyphen_values = true, conflicts_with_all = ["selection", "aggression"])]
-    pub goal: Option<Point>,
+    #[arg(long, help_heading = SELECTION, value_name = "X,Y", value_parser = ends_near, allow_hyphen_values = true, conflicts_with_all = ["selection", "aggression"])]
+    pub goal: Option<String>,
     /// Use this track as the adversary; `focal` is the one that a scenario of Argoverse 2 was recorded for.
     #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
@@ -150,13 +149,6 @@ pub(crate) struct AttackArgs {
     /// "parked_car": false}' are metres and seconds.
     #[arg(long, help_heading = SCENE, value_name = "JSON", value_parser = placement, requires = "adversary_type", conflicts_with = "adversary")]
     pub place: Option<Placement>,
-}
-
-/// A place in the plane.
-fn goal(text: &str) -> Result<Point, String> {
-    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite());
-    let point = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
-    point.ok_or_else(|| "expected two numbers of metres, such as 12.5,-3".to_owned())
 }
 
 /// A placement of a user.
@@ -178,8 +170,8 @@ impl AttackArgs {
     pub(crate) fn spec(&self, method: Option<&Part>, require: Option<Requirement>) -> Result<GeneratorSpec> {
         self.generator.points.check().map_err(|problem| Cli::conflict(&problem))?;
         let mut spec = GeneratorSpec { method: method.cloned(), ..self.generator.clone() };
-        if let Some(goal) = self.goal {
-            spec.selection = serde_json::to_string(&ObjectiveSpec::ends_near(goal))?;
+        if let Some(selection) = &self.goal {
+            spec.selection.clone_from(selection);
         }
         Ok(self.adversary().generator(spec, require).map_err(|error| Cli::conflict(&format!("--{error}")))?)
     }

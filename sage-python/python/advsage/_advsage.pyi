@@ -264,7 +264,7 @@ def load(
     *,
     ego: str | None = None,
     adversary: str | None = None,
-    without: list[str] = [],
+    without: list[str] | None = None,
     now: int | None = None,
     resample: bool = False,
     rate: float | None = None,

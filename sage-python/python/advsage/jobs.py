@@ -175,6 +175,7 @@ def _of_generate(engine: argparse.ArgumentParser) -> argparse.ArgumentParser:
     add("--seed", default="0", metavar="S", help="seed of random numbers (default: 0)")
     add = parser.add_argument_group("selection").add_argument
     add("--selection", default="natural", metavar="NAME", help="objective that selects (default: natural)")
+    add("--goal", metavar="X,Y", help="select the feasible plan that ends nearest to this place")
     add("--feasibility", metavar="NAME", help="feasibility rule in place of that of the selection")
     add("--latest-start", metavar="T", help="seconds before the contact at which an evasive manoeuvre must begin")
     add("--avoidable", nargs="?", const="{}", metavar="JSON", help="options of the search for evasive manoeuvres")

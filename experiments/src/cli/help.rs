@@ -50,7 +50,7 @@ const THREADS: &str = "threads";
 const GROUPS: [(&str, &[&str]); 8] = [
     ("Make scenes", &["demo", "scenes", "generate", "convert"]),
     ("Look at scenes", &["inspect", "draw", "explain", "predict"]),
-    ("Drive and test", &["simulate", "search", "rate", "report", "suite", "test"]),
+    ("Drive and test", &["studio", "simulate", "search", "rate", "report", "suite", "test"]),
     ("Measure and compare", &["score", "bench"]),
     ("Run on a cluster", &["status", "join"]),
     ("Train", &["pretrain", "finetune", "calibrate", "merge", "train-ego", "train-adversary"]),

@@ -10,7 +10,7 @@ use super::{
     help::{ATTACK, DRIVER, RUN, SCENE},
 };
 
-/// Try attacks by hand in a browser: every change attacks and drives again while one looks.
+/// Try attacks by hand in a browser that attacks and drives again at each change.
 ///
 /// A local page plays the drives of one or two drivers against an attack. A slider holds lambda or the aggression; a click on a
 /// road user makes it the adversary or takes it away, and the end of the adversary's plan can be dragged. The page says what

@@ -156,12 +156,25 @@ impl BuiltGenerator {
     ///
     /// *Errors*: as [`BuiltGenerator::attacks`].
     pub fn planned(&self, ctx: &Context, against: Against, seed: u64) -> Result<Vec<Attack>, Error> {
+        self.planned_at(ctx, against, &self.points, seed)
+    }
+
+    /// The same at some of its points; an attack does not depend on the other points.
+    ///
+    /// *Errors*: as [`BuiltGenerator::attacks`].
+    pub fn planned_at(
+        &self,
+        ctx: &Context,
+        against: Against,
+        points: &[OperatingPoint],
+        seed: u64,
+    ) -> Result<Vec<Attack>, Error> {
         match against {
             // A recording does the same against every plan.
             Against::Driver(test) if self.facts.knows.driver && !test.is_recording() => {
-                self.generator.attacks_on(ctx, &QueriedDriver::new(test), &self.points, seed)
+                self.generator.attacks_on(ctx, &QueriedDriver::new(test), points, seed)
             }
-            _ => self.generator.attacks(ctx, &self.points, seed),
+            _ => self.generator.attacks(ctx, points, seed),
         }
     }
 

@@ -1,5 +1,5 @@
 //! How long the page of `sage studio` takes from a step of the slider to the drawn drive, in Chromium: eleven values in ten invented
-//! scenes, for each driver. The first value in a scene attacks at all values, and counts.
+//! scenes, for each driver.
 //!
 //! ```sh
 //! cargo bench -p experiments --bench studio

@@ -131,8 +131,8 @@ pub(super) struct Wanted {
     goal: Option<Point>,
 }
 
-/// Attacks at all places, by the numbers of their generator and dial.
-type Attacks = HashMap<(usize, usize), Arc<Vec<Attack>>>;
+/// Attacks by the numbers of their generator, dial and place.
+type Attacks = HashMap<(usize, usize, usize), Attack>;
 
 /// A driver in a scene, after its drive without an attack, with the attacks on it.
 struct Ready<'w> {
@@ -326,19 +326,16 @@ impl<'w> Workshop<'w> {
             let attacks = built.planned(&ready.ctx, against, spec.seed)?;
             return attacks.into_iter().next().context("the generator gave no attack");
         }
-        let key = (wanted.generator, dial);
+        let key = (wanted.generator, dial, number);
         let lock = || ready.attacks.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = lock().get(&key).cloned();
-        let attacks = match known {
-            Some(attacks) => attacks,
-            None => {
-                // A scene is encoded once for all places.
-                let attacks = Arc::new(generator.built.planned(&ready.ctx, against, generator.spec.seed)?);
-                lock().insert(key, attacks.clone());
-                attacks
-            }
-        };
-        attacks.get(number).cloned().context("the generator gave no attack")
+        if let Some(known) = lock().get(&key) {
+            return Ok(known.clone());
+        }
+        let (built, point) = (&generator.built, &generator.built.points[number..=number]);
+        let attacks = built.planned_at(&ready.ctx, against, point, generator.spec.seed)?;
+        let attack = attacks.into_iter().next().context("the generator gave no attack")?;
+        lock().insert(key, attack.clone());
+        Ok(attack)
     }
 
     fn driven(&self, wanted: &Wanted, driver: usize, ready: Arc<Ready<'w>>) -> Result<Driven<'w>> {

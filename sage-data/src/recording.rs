@@ -216,21 +216,7 @@ impl Recording {
         Self { path: PathBuf::from(&scene.id), scene, source: Source::Procedural, options }
     }
 
-    /// All values of the MetaDrive source, without road users that were left out; `None` if there is none.
-    ///
-    /// *Errors*: a native file whose source is damaged.
-    pub fn document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
-        let document = self.whole_document()?;
-        if self.options.without.is_empty() {
-            return Ok(document);
-        }
-        Ok(document.map(|document| {
-            let mut document = document.into_owned();
-            metadrive::remove_tracks(&mut document, &self.options.without);
-            Cow::Owned(document)
-        }))
-    }
-
+    /// All values of the MetaDrive source, of all road users; `None` if there is none.
     fn whole_document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
         Ok(match &self.source {
             Source::Pickle(document) => Some(Cow::Borrowed(document)),

@@ -1,10 +1,28 @@
 //! Road users who are left out of a recording.
 
-use std::path::Path;
+use std::{borrow::Cow, path::Path};
 
 use sage_core::scene::{Note, Scene};
 
-use crate::Error;
+use super::Recording;
+use crate::{Error, metadrive, pickle::Document};
+
+impl Recording {
+    /// All values of the MetaDrive source, without road users that were left out; `None` if there is none.
+    ///
+    /// *Errors*: a native file whose source is damaged.
+    pub fn document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
+        let document = self.whole_document()?;
+        if self.options.without.is_empty() {
+            return Ok(document);
+        }
+        Ok(document.map(|document| {
+            let mut document = document.into_owned();
+            metadrive::remove_tracks(&mut document, &self.options.without);
+            Cow::Owned(document)
+        }))
+    }
+}
 
 /// The scene without some road users, with a note.
 ///

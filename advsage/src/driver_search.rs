@@ -10,7 +10,7 @@ use sage_sim::{
     attacker::Attacker,
     drive::Drive,
     policy::EgoPolicy,
-    search::{Clause, MOST_PLANS, Pool, Requirement, SearchOptions, search},
+    search::{Clause, Hooks, MOST_PLANS, Pool, Requirement, SearchOptions, search},
     traffic::Plan,
 };
 
@@ -54,7 +54,7 @@ impl DriverSearch {
         let rule = self.rule.objective.rule();
         let chosen = attack.candidates[attack.chosen].trajectory.clone();
         let mut pool = Pool::new(&ctx, rule, vec![attack.candidates], MOST_PLANS);
-        let result = search(&test, &ctx, rule, &mut pool, &self.options, seed, None)?;
+        let result = search(&test, &ctx, rule, &mut pool, &self.options, seed, Hooks::default())?;
         let worst = result.worst().map(|failure| &result.driven[failure.drive]);
         let best = worst.or_else(|| result.strongest()).map(|evaluated| evaluated.plan);
         Ok(best.map_or(chosen, |plan| pool.plans[plan].candidate.trajectory().clone()))

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sage_core::{
     Error,
-    generator::{ApartNow, Attack, Generator as _, OperatingPoint},
+    generator::{ApartNow, Attack, Generator as _, OperatingPoint, PreparedProposer},
     objective::Context,
     scene::Scene,
 };
@@ -156,26 +156,49 @@ impl BuiltGenerator {
     ///
     /// *Errors*: as [`BuiltGenerator::attacks`].
     pub fn planned(&self, ctx: &Context, against: Against, seed: u64) -> Result<Vec<Attack>, Error> {
-        self.planned_at(ctx, against, &self.points, seed)
+        match against {
+            // A recording does the same against every plan.
+            Against::Driver(test) if self.queries(test) => {
+                self.generator.attacks_on(ctx, &QueriedDriver::new(test), &self.points, seed)
+            }
+            _ => self.generator.attacks(ctx, &self.points, seed),
+        }
     }
 
-    /// The same at some of its points; an attack does not depend on the other points.
+    /// Whether it asks the driver of a test what it does.
+    fn queries(&self, test: &AttackTest) -> bool {
+        self.facts.knows.driver && !test.is_recording()
+    }
+
+    /// What its attacks in a scene share, for [`BuiltGenerator::planned_at`]; `None` if there is nothing to keep.
+    ///
+    /// *Errors*: as [`BuiltGenerator::attacks`].
+    pub fn prepare(&self, ctx: &Context) -> Result<Option<Box<dyn PreparedProposer>>, Error> {
+        self.generator.prepare(ctx)
+    }
+
+    /// The attack that [`BuiltGenerator::planned`] gives at one of its points, by its number. `prepared` is what a generator with the
+    /// same proposer prepared for this scene.
     ///
     /// *Errors*: as [`BuiltGenerator::attacks`].
     pub fn planned_at(
         &self,
         ctx: &Context,
-        against: Against,
-        points: &[OperatingPoint],
+        test: &AttackTest,
+        prepared: Option<&dyn PreparedProposer>,
+        number: usize,
         seed: u64,
-    ) -> Result<Vec<Attack>, Error> {
-        match against {
-            // A recording does the same against every plan.
-            Against::Driver(test) if self.facts.knows.driver && !test.is_recording() => {
-                self.generator.attacks_on(ctx, &QueriedDriver::new(test), points, seed)
+    ) -> Result<Attack> {
+        let at = &self.points[number..=number];
+        let attacks = match prepared {
+            _ if self.queries(test) => {
+                self.generator.attacks_on(ctx, &QueriedDriver::new(test), at, seed)?
             }
-            _ => self.generator.attacks(ctx, points, seed),
-        }
+            Some(prepared) => self.generator.attacks_prepared(prepared, ctx, at, seed)?,
+            None => self.generator.attacks(ctx, at, seed)?,
+        };
+        let none = || crate::Error::Value(format!("generator `{}` gave no attack", self.label));
+        attacks.into_iter().next().ok_or_else(none)
     }
 
     /// Its name and options.

@@ -5,7 +5,7 @@ use sage_core::{
     objective::{Context, ContextOptions},
 };
 use sage_generators::Facts;
-use sage_sim::search::{MOST_PLANS, Pool, SearchOptions, SearchResult};
+use sage_sim::search::{MOST_PLANS, Pool, SearchOptions, SearchResult, Watch};
 
 use crate::{
     Error, Registries, Result, dial,
@@ -153,8 +153,21 @@ impl NamedSearch {
         options: &SearchOptions,
         seed: u64,
     ) -> Result<(Pool, SearchResult)> {
+        self.search_watched(driver, options, seed, None)
+    }
+
+    /// The same; `watch` sees what it has found after each drive. Probabilities come at the end.
+    ///
+    /// *Errors*: as [`NamedSearch::search`].
+    pub fn search_watched(
+        &self,
+        driver: &DriverInScene,
+        options: &SearchOptions,
+        seed: u64,
+        watch: Option<Watch>,
+    ) -> Result<(Pool, SearchResult)> {
         let (pool, mut result) =
-            self.plans.search(&driver.test, &driver.ctx, &self.rule.objective, options, seed)?;
+            self.plans.search(&driver.test, &driver.ctx, &self.rule.objective, options, seed, watch)?;
         self.weigh(driver, &pool, &mut result)?;
         Ok((pool, result))
     }

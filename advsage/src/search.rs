@@ -8,7 +8,7 @@ use sage_core::{
 use sage_merging::{ADVERSARIAL, LAWFUL};
 use sage_sim::{
     attack_test::AttackTest,
-    search::{Pool, SearchOptions, SearchResult, search},
+    search::{Hooks, Pool, Replan, SearchOptions, SearchResult, Watch, search},
 };
 use serde_json::{Map, Value, json};
 
@@ -167,13 +167,14 @@ impl PlanSources {
         rule: &Objective,
         options: &SearchOptions,
         seed: u64,
+        watch: Option<Watch>,
     ) -> Result<(Pool, SearchResult)> {
         let mut pool = self.plans(test, ctx, rule, seed)?;
         // One shot is the plan that a generator selects, and no other.
         let refine = if self.only_selected { 0.0 } else { options.refine };
         let options = &SearchOptions { refine, ..*options };
         let anew = self.built.iter().find(|built| built.facts.plans_against_ego);
-        let mut replan = |against: &Context| -> Result<Vec<(usize, Proposal)>, sage_core::Error> {
+        let replan = |against: &Context| -> Result<Vec<(usize, Proposal)>, sage_core::Error> {
             let Some(built) = anew else { return Ok(Vec::new()) };
             let mut plans = Vec::new();
             for (source, attack) in built.planned(against, Against::Recording, seed)?.into_iter().enumerate()
@@ -183,8 +184,8 @@ impl PlanSources {
             }
             Ok(plans)
         };
-        let result =
-            search(test, ctx, rule.rule(), &mut pool, options, seed, anew.is_some().then_some(&mut replan))?;
+        let replan: Option<Replan> = if anew.is_some() { Some(Box::new(replan)) } else { None };
+        let result = search(test, ctx, rule.rule(), &mut pool, options, seed, Hooks { replan, watch })?;
         Ok((pool, result))
     }
 }

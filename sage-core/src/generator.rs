@@ -116,4 +116,26 @@ pub trait Generator: Send + Sync {
         let _ = driver;
         self.attacks(ctx, at, seed)
     }
+
+    /// What its attacks in a scene share, for callers that ask for one after the other; `None` if there is nothing to keep.
+    ///
+    /// *Errors*: as [`Generator::attacks`].
+    fn prepare(&self, ctx: &Context) -> Result<Option<Box<dyn PreparedProposer>>, Error> {
+        let _ = ctx;
+        Ok(None)
+    }
+
+    /// [`Generator::attacks`] with what [`Generator::prepare`] gave for the same observation.
+    ///
+    /// *Errors*: as [`Generator::attacks`].
+    fn attacks_prepared(
+        &self,
+        prepared: &dyn PreparedProposer,
+        ctx: &Context,
+        at: &[OperatingPoint],
+        seed: u64,
+    ) -> Result<Vec<Attack>, Error> {
+        let _ = prepared;
+        self.attacks(ctx, at, seed)
+    }
 }

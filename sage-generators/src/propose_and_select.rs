@@ -3,7 +3,7 @@
 
 use sage_core::{
     Error,
-    generator::{Attack, Generator, Observation, OperatingPoint, Proposal, Proposer},
+    generator::{Attack, Generator, Observation, OperatingPoint, PreparedProposer, Proposal, Proposer},
     objective::Context,
 };
 
@@ -28,6 +28,20 @@ pub struct ProposeAndSelect {
 impl Generator for ProposeAndSelect {
     fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error> {
         let prepared = self.proposer.prepare(&Observation::of(ctx.scene(), ctx.index())?)?;
+        self.attacks_prepared(&*prepared, ctx, at, seed)
+    }
+
+    fn prepare(&self, ctx: &Context) -> Result<Option<Box<dyn PreparedProposer>>, Error> {
+        self.proposer.prepare(&Observation::of(ctx.scene(), ctx.index())?).map(Some)
+    }
+
+    fn attacks_prepared(
+        &self,
+        prepared: &dyn PreparedProposer,
+        ctx: &Context,
+        at: &[OperatingPoint],
+        seed: u64,
+    ) -> Result<Vec<Attack>, Error> {
         let mut attacks: Vec<Option<Attack>> = vec![None; at.len()];
         for first in 0..at.len() {
             if attacks[first].is_some() {

@@ -16,7 +16,7 @@ use sage_run::Result;
 use sage_sim::{
     Error, SimScene,
     attack_test::AttackTest,
-    search::{AttackedPath, Explained, Order, Pool, Requirement, SearchOptions, search},
+    search::{AttackedPath, Explained, Hooks, Order, Pool, Requirement, SearchOptions, search},
 };
 use serde_json::{Map, Value, json};
 
@@ -90,7 +90,7 @@ fn evaluated(
     if pool.plans.is_empty() {
         return Ok(json!({"failure": false, "reason": "no-feasible-plan"}));
     }
-    let result = search(&test, &ctx, rule.rule(), &mut pool, options, seed, None)?;
+    let result = search(&test, &ctx, rule.rule(), &mut pool, options, seed, Hooks::default())?;
     let driven = &result.driven[0];
     if let Some(problem) = &driven.error {
         return Err(Error::Policy { scene: data.scene.id.clone(), problem: problem.clone() }.into());

@@ -27,7 +27,7 @@ mod surrogate;
 pub mod threshold;
 pub mod transfer;
 
-use std::cmp::Ordering;
+use std::{cmp::Ordering, ops::ControlFlow};
 
 use sage_core::{
     Error as CoreError,
@@ -224,12 +224,23 @@ impl SearchResult {
 }
 
 /// Plans anew against the newest drive, for generators whose plans depend on it. Each plan has the number of its source.
-pub type Replan<'r> = dyn FnMut(&Context) -> Result<Vec<(usize, Proposal)>, CoreError> + 'r;
+pub type Replan<'r> = Box<dyn FnMut(&Context) -> Result<Vec<(usize, Proposal)>, CoreError> + 'r>;
 
-/// Searches a scene. `ctx` is that of the unattacked drive ([`AttackTest::context`]); the pool is filled up by `replan`,
-/// whenever it has no plan left.
+/// Sees what a search has found after each drive. A search that it breaks ends there, as if its budget were used up.
+pub type Watch<'w> = Box<dyn FnMut(&Pool, &SearchResult) -> ControlFlow<()> + 'w>;
+
+/// What takes part in a search while it goes on; nothing by default.
+#[derive(Default)]
+pub struct Hooks<'h> {
+    /// Fills up the pool whenever it has no plan left.
+    pub replan: Option<Replan<'h>>,
+    /// Watches the search.
+    pub watch: Option<Watch<'h>>,
+}
+
+/// Searches a scene. `ctx` is that of the unattacked drive ([`AttackTest::context`]).
 ///
-/// *Errors*: those of `replan`, and options of the search for evasive manoeuvres that are out of range. An error of the
+/// *Errors*: those of [`Hooks::replan`], and options of the search for evasive manoeuvres that are out of range. An error of the
 /// driver is no error of the search: the drive is noted and counts.
 ///
 /// From plans to what a driver fails at in a `scene`, of which `simulated` is the [`SimScene`](crate::SimScene):
@@ -240,7 +251,7 @@ pub type Replan<'r> = dyn FnMut(&Context) -> Result<Vec<(usize, Proposal)>, Core
 /// # use sage_data::procedural::{Kind, attacks, generate};
 /// # use sage_sim::{SimScene, policy::policies};
 /// use sage_core::{generator::Proposal, objective::feasibilities};
-/// use sage_sim::{attack_test::AttackTest, search::{Pool, SearchOptions, search}};
+/// use sage_sim::{attack_test::AttackTest, search::{Hooks, Pool, SearchOptions, search}};
 ///
 /// # let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
 /// # let simulated = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
@@ -252,7 +263,7 @@ pub type Replan<'r> = dyn FnMut(&Context) -> Result<Vec<(usize, Proposal)>, Core
 /// let plans = attacks(&scene).into_iter().map(|(_, plan)| Proposal::of(plan)).collect();
 /// let mut pool = Pool::new(&ctx, &*rule, vec![plans], 256);
 /// let options = SearchOptions { budget: 8, require: "attack,at-fault".parse()?, ..SearchOptions::default() };
-/// let found = search(&test, &ctx, &*rule, &mut pool, &options, 0, None)?;
+/// let found = search(&test, &ctx, &*rule, &mut pool, &options, 0, Hooks::default())?;
 /// assert!(found.driven.len() <= 8 && found.failures.is_empty() == found.reason.is_some());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -263,7 +274,7 @@ pub fn search(
     pool: &mut Pool,
     options: &SearchOptions,
     seed: u64,
-    mut replan: Option<&mut Replan>,
+    Hooks { mut replan, mut watch }: Hooks,
 ) -> Result<SearchResult, Error> {
     options.check()?;
     let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
@@ -321,6 +332,9 @@ pub fn search(
             Ok(driven) => driven,
             Err(error) => {
                 result.driven.push(Evaluated::failed(number, error.to_string()));
+                if watch.as_mut().is_some_and(|watch| watch(pool, &result).is_break()) {
+                    break;
+                }
                 continue;
             }
         };
@@ -350,7 +364,8 @@ pub fn search(
         }
         result.driven.push(evaluated);
         newest = Some(path);
-        if options.first && !result.failures.is_empty() {
+        let is_stopped = watch.as_mut().is_some_and(|watch| watch(pool, &result).is_break());
+        if is_stopped || options.first && !result.failures.is_empty() {
             break;
         }
     }

@@ -17,7 +17,8 @@ use sage_sim::{
     attack_test::AttackTest,
     policy::{Driver, EgoPolicy, Knowledge, Start, View, policies},
     search::{
-        Clause, Explained, Explanation, PlanDrives, Pool, Requirement, SearchOptions, SearchResult, search,
+        Clause, Explained, Explanation, Hooks, PlanDrives, Pool, Requirement, SearchOptions, SearchResult,
+        search,
     },
     vehicle::Action,
     world::Control,
@@ -93,7 +94,7 @@ fn searched(policy: &dyn EgoPolicy, explain: Explained) -> (Pool, SearchResult) 
     let ctx = test.context().unwrap();
     let plans = vec![moves_over(6.0, 4.0), moves_over(6.0, 3.0), moves_over(5.5, 4.5)];
     let mut pool = Pool::new(&ctx, &Anything, vec![plans], 256);
-    let result = search(&test, &ctx, &Anything, &mut pool, &options(explain), 0, None).unwrap();
+    let result = search(&test, &ctx, &Anything, &mut pool, &options(explain), 0, Hooks::default()).unwrap();
     (pool, result)
 }
 
@@ -209,7 +210,7 @@ fn what_an_explanation_says_holds_when_it_is_driven_again() {
         let test = AttackTest::new(&*policy, &simulated, 0).unwrap();
         let ctx = test.context().unwrap();
         let mut pool = Pool::new(&ctx, &Anything, vec![plans], 256);
-        let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, None).unwrap();
+        let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, Hooks::default()).unwrap();
         for failure in &result.failures {
             let explanation = failure.explanation.as_ref().unwrap();
             let failing = &result.driven[failure.drive];

@@ -20,7 +20,7 @@ use sage_sim::{
     attack_test::AttackTest,
     policy::{Driver, EgoPolicy, OtherWay, Start, View, policies},
     search::{
-        AttackedPath, Clause, Evaluated, Order, PlanDrives, Pool, Reason, Requirement, SearchOptions,
+        AttackedPath, Clause, Evaluated, Hooks, Order, PlanDrives, Pool, Reason, Requirement, SearchOptions,
         SearchResult, search,
     },
     world::Control,
@@ -86,7 +86,7 @@ fn searched_with(name: &str, options: &SearchOptions, seed: u64) -> (Pool, Searc
     let test = AttackTest::new(&*driver, &simulated, 0).unwrap();
     let ctx = test.context().unwrap();
     let mut pool = Pool::new(&ctx, &Anything, vec![plans()], 256);
-    let result = search(&test, &ctx, &Anything, &mut pool, options, seed, None).unwrap();
+    let result = search(&test, &ctx, &Anything, &mut pool, options, seed, Hooks::default()).unwrap();
     (pool, result)
 }
 
@@ -131,7 +131,7 @@ fn a_failure_holds_if_it_is_one_in_every_variant_of_the_drive() {
     let test = AttackTest::new(&driver, &simulated, 0).unwrap();
     let ctx = test.context().unwrap();
     let mut pool = Pool::new(&ctx, &Anything, vec![plans()], 256);
-    let result = search(&test, &ctx, &Anything, &mut pool, &holding, 0, None).unwrap();
+    let result = search(&test, &ctx, &Anything, &mut pool, &holding, 0, Hooks::default()).unwrap();
     assert!(result.failures.is_empty());
     assert_eq!(result.reason, Some(Reason::NotInEveryVariant));
     let failed = result.driven.iter().find(|evaluated| !evaluated.variations.is_empty()).unwrap();
@@ -231,7 +231,7 @@ fn without_a_plan_or_a_meeting_the_reason_says_so() {
     let ctx = test.context().unwrap();
     let reason = |plans: Vec<Proposal>| {
         let mut pool = Pool::new(&ctx, &South, vec![plans], 256);
-        search(&test, &ctx, &South, &mut pool, &SearchOptions::default(), 0, None).unwrap().reason
+        search(&test, &ctx, &South, &mut pool, &SearchOptions::default(), 0, Hooks::default()).unwrap().reason
     };
     assert_eq!(reason(Vec::new()), Some(Reason::NoFeasiblePlan));
     assert_eq!(reason(vec![cut_in(10.0, 0, 2.0)]), Some(Reason::NoFeasiblePlan));
@@ -302,7 +302,7 @@ fn an_error_of_the_driver_counts_as_a_drive_and_as_nothing_else() {
     let mut pool = Pool::new(&ctx, &Anything, vec![plans()], 256);
     let options =
         SearchOptions { require: until(Clause::Attack), order: Order::Pool, ..SearchOptions::default() };
-    let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, None).unwrap();
+    let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, Hooks::default()).unwrap();
     assert_eq!(result.driven.len(), pool.plans.len());
     let failed = result.driven.iter().filter(|evaluated| evaluated.error.is_some());
     let count = failed.clone().count();
@@ -321,7 +321,7 @@ fn an_error_of_the_driver_counts_as_a_drive_and_as_nothing_else() {
     assert_eq!(strength(result.strongest().unwrap()), most);
     let mut pool = Pool::new(&ctx, &Anything, vec![plans()[..1].to_vec()], 256);
     driver.0.store(1, Ordering::Relaxed);
-    let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, None).unwrap();
+    let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, Hooks::default()).unwrap();
     assert_eq!((result.reason, result.strongest()), (Some(Reason::Error), None));
 }
 
@@ -361,7 +361,7 @@ fn what_the_pool_does_not_hold_is_refined_from_what_came_nearest() {
         let mut pool = Pool::new(&ctx, &Anything, vec![misses()], 256);
         let require = Requirement::of(&[Clause::Attack]);
         let options = SearchOptions { budget: 12, require, refine, order, ..SearchOptions::default() };
-        let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, None).unwrap();
+        let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, Hooks::default()).unwrap();
         let refined: Vec<Option<usize>> =
             result.driven.iter().map(|driven| pool.plans[driven.plan].refined_from).collect();
         (result, refined, pool.plans.len())

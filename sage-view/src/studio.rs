@@ -1,5 +1,7 @@
 //! The page of `sage studio`: the player with settings beside it, whose scenes and drives come from a server.
 
+mod thumbnail;
+
 use sage_core::{
     geometry::{Aabb, Point},
     motion::NOW,
@@ -13,10 +15,11 @@ use serde_json::Result;
 use crate::{
     html_page::{self, PageParts},
     player::{
-        EncodedBody, EncodedPanel, EncodedPath, PAGE, PLAYER, Panel, Path, STYLE, encoded, encoded_path,
-        encoded_track, is_in, map,
+        EncodedBody, EncodedPanel, PAGE, PLAYER, Panel, STYLE, encoded, encoded_track, is_in, map,
     },
 };
+
+pub use thumbnail::thumbnail;
 
 /// Reach of the map around ego and adversary, and the largest error of its lines, metres.
 const REACH: f64 = 150.0;
@@ -24,11 +27,18 @@ const ERROR: f64 = 0.1;
 
 const SETTINGS: &str = include_str!("studio/settings.html");
 const SETTINGS_STYLE: &str = include_str!("studio/settings.css");
-const SCRIPT: &str = concat!(include_str!("studio/server.js"), include_str!("studio/settings.js"));
+const SCRIPT: &str = concat!(
+    include_str!("studio/server.js"),
+    include_str!("studio/scenes.js"),
+    include_str!("studio/map.js"),
+    include_str!("studio/finding.js"),
+    include_str!("studio/link.js"),
+    include_str!("studio/settings.js"),
+);
 
 /// A scene without drives.
 #[derive(Serialize)]
-pub struct SceneData<'a> {
+pub struct ShownScene<'a> {
     title: &'a str,
     subtitle: &'a str,
     now: usize,
@@ -45,7 +55,7 @@ pub struct SceneData<'a> {
     panels: [(); 0],
 }
 
-impl<'a> SceneData<'a> {
+impl<'a> ShownScene<'a> {
     /// The scene around its ego.
     pub fn of(scene: &'a Scene, title: &'a str) -> Self {
         let ego = scene.ego();
@@ -74,19 +84,15 @@ impl<'a> SceneData<'a> {
 
 /// Drives of a scene that the page has.
 #[derive(Serialize)]
-pub struct DriveData<'a> {
+pub struct ShownDrives<'a> {
     panels: Vec<EncodedPanel<'a>>,
-    paths: Vec<EncodedPath>,
 }
 
-impl<'a> DriveData<'a> {
-    /// The drives, with the candidates that their panels name.
-    pub fn of(scene: &Scene, panels: &'a [Panel<'a>], paths: &[Path]) -> Self {
+impl<'a> ShownDrives<'a> {
+    /// The drives.
+    pub fn of(scene: &Scene, panels: &'a [Panel<'a>]) -> Self {
         let origin = scene.ego().point(0);
-        Self {
-            panels: panels.iter().map(|panel| encoded(panel, scene, origin)).collect(),
-            paths: paths.iter().map(|path| encoded_path(path, origin)).collect(),
-        }
+        Self { panels: panels.iter().map(|panel| encoded(panel, scene, origin)).collect() }
     }
 }
 

@@ -168,7 +168,7 @@ fn share(text: &str) -> Result<f64, String> {
     share.ok_or_else(|| "expected a share, 0 to 1".to_owned())
 }
 
-fn budget(text: &str) -> Result<usize, String> {
+pub(super) fn budget(text: &str) -> Result<usize, String> {
     let number = text.trim().parse().ok().filter(|number| (1..=MOST).contains(number));
     number.ok_or_else(|| format!("expected a whole number from 1 to {MOST}"))
 }

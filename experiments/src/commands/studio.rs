@@ -1,17 +1,31 @@
 //! `sage studio`: a local page on which attacks are tried by hand.
 
+mod choice;
 mod command_line;
+mod driving;
+mod finding;
+mod keeping;
+mod method;
 mod server;
 mod workshop;
 
-use std::net::{Ipv4Addr, TcpListener};
+use std::{
+    io::{IsTerminal as _, stderr},
+    net::{Ipv4Addr, TcpListener},
+    sync::Mutex,
+};
 
-use advsage::{Registries, driver_spec::DriverSpecs, ego::Ego, part::Part};
+use advsage::{
+    Registries, driver_spec::DriverSpecs, ego::Ego, named_generator::GeneratorSpec,
+    named_search::SearchSpec, part::Part,
+};
 use anyhow::{Context as _, Result, ensure};
 use sage_run::{Outcome, scenes::Scenes};
 
 use crate::cli::StudioArgs;
-use workshop::{Method, Workshop};
+use keeping::Keeper;
+use method::Method;
+use workshop::{Workshop, labels};
 
 pub(crate) fn run(args: &StudioArgs, registries: &Registries) -> Result<Outcome> {
     let scenes = match args.scenes.is_empty() {
@@ -24,10 +38,34 @@ pub(crate) fn run(args: &StudioArgs, registries: &Registries) -> Result<Outcome>
     let drivers = Ego::all(&specs, registries)?;
     let of = |part: &Part| Method::of(part, args.weights.as_deref(), args.seed, registries);
     let methods = args.method.iter().map(of).collect::<Result<Vec<_>>>()?;
-    let workshop = Workshop::new(scenes, args, &drivers, methods, registries);
-
+    let spec = GeneratorSpec { weights: args.weights.clone(), seed: args.seed, ..GeneratorSpec::default() };
+    let search = SearchSpec { generator: spec, ..SearchSpec::default() }.build(registries)?;
+    let keeper = |out| Keeper::new(out, search.rule.objective.spec().feasibility.clone());
+    let keeper = args.out.as_deref().map(keeper).transpose()?;
+    let names = scenes.names();
+    let workshop = Workshop {
+        labels: labels(&names),
+        scenes,
+        names,
+        procedural: args.scenes.is_empty().then_some(args.seed),
+        seed: args.seed,
+        budget: args.budget,
+        drivers: &drivers,
+        methods,
+        search,
+        keeper,
+        registries,
+        ready: Mutex::default(),
+    };
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, args.port))
         .with_context(|| format!("cannot listen on port {}; choose another with --port", args.port))?;
-    server::serve(listener, &workshop)?;
+    server::serve(listener, &workshop, has_desktop() && !args.no_browser)?;
     Ok(Outcome::Done)
+}
+
+/// Whether a person sits before this machine: a terminal, and a desktop that is not far away.
+fn has_desktop() -> bool {
+    let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    let has_windows = cfg!(any(windows, target_os = "macos")) || is_set("DISPLAY") || is_set("WAYLAND_DISPLAY");
+    stderr().is_terminal() && has_windows && !is_set("SSH_CONNECTION")
 }

@@ -218,7 +218,7 @@ impl Searches {
     }
 
     fn search(&self, key: usize, method: &Method, test: &AttackTest, ctx: &Context) -> Result<Cell> {
-        let (pool, result) = method.plans.search(test, ctx, &self.rule, &method.options, self.seed)?;
+        let (pool, result) = method.plans.search(test, ctx, &self.rule, &method.options, self.seed, None)?;
         if result.reason == Some(sage_sim::search::Reason::Error) {
             let first = result.driven.iter().find_map(|evaluated| evaluated.error.clone());
             return Err(Error::Value(format!(

@@ -159,7 +159,7 @@ impl Transfers {
                 Ok(plans)
             }
             Maker::Searched(sources, options) => {
-                let (pool, result) = sources.search(test, ctx, &self.rule, options, self.seed)?;
+                let (pool, result) = sources.search(test, ctx, &self.rule, options, self.seed, None)?;
                 if result.reason == Some(Reason::Error) {
                     let first = result.driven.iter().find_map(|drive| drive.error.clone());
                     return Err(Error::Value(format!(

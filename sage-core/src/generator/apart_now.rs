@@ -1,6 +1,6 @@
 //! A generator for scenes in which ego and adversary do not overlap *now*.
 
-use super::{Attack, DriverUnderTest, Generator, OperatingPoint};
+use super::{Attack, DriverUnderTest, Generator, OperatingPoint, PreparedProposer};
 use crate::{Error, objective::Context};
 
 /// A generator that refuses scenes in which ego and adversary overlap *now*: a contact there is not its doing. Every plan would
@@ -24,5 +24,21 @@ impl Generator for ApartNow {
     ) -> Result<Vec<Attack>, Error> {
         ctx.check_apart_now()?;
         self.0.attacks_on(ctx, driver, at, seed)
+    }
+
+    fn prepare(&self, ctx: &Context) -> Result<Option<Box<dyn PreparedProposer>>, Error> {
+        self.0.prepare(ctx)
+    }
+
+    /// *Errors*: as [`ApartNow::attacks`].
+    fn attacks_prepared(
+        &self,
+        prepared: &dyn PreparedProposer,
+        ctx: &Context,
+        at: &[OperatingPoint],
+        seed: u64,
+    ) -> Result<Vec<Attack>, Error> {
+        ctx.check_apart_now()?;
+        self.0.attacks_prepared(prepared, ctx, at, seed)
     }
 }

@@ -1,7 +1,12 @@
 "use strict";
 // Units of the data: centimetres, milliradians, centimetres per second. Numbers are differences to the one before.
 const element = (id) => document.getElementById(id);
-const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222", escape: "#007a52", plan: "rgba(120,60,200,.6)" };
+// Colours of six digits, to which two of opacity may be added.
+const colour = {
+  ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222222", escape: "#007a52", plan: "#783cc8", contact: "#b00020",
+  paper: "#ffffff", faint: "#555555", grid: "#dddddd", outline: "#555d66",
+  ground: "#eceae3", driveway: "#ddd3c0", sidewalk: "#cbb9a4", bike: "#c3dccd", lane: "#d3d7dc", white: "#ffffff", yellow: "#d9a300", median: "#8a6d4b", edge: "#4d4d4d",
+};
 // Candidates that were not selected, by what they do.
 const kinds = { "no-contact": ["rgba(90,100,110,.45)", "no contact"], "infeasible-hit": ["rgba(204,121,167,.7)", "hit, not feasible"], "unbelievable-hit": ["rgba(230,159,0,.9)", "hit, not believable"], "believable-hit": ["rgba(165,15,21,.75)", "believable hit"] };
 
@@ -71,10 +76,10 @@ const view = { time: 0, playing: false, rate: 1, scale: 0, isZoomed: false, foll
 
 const TILE = 512, MOST_TILES = 128;
 let tiles = new Map(), tileScale = 0;
-const passes = [
-  ["driveway", "fill", "#ddd3c0"], ["sidewalk", "fill", "#cbb9a4"], ["bike", "lane", "#c3dccd"], ["lane", "lane", "#d3d7dc"], ["crosswalk", "fill", "rgba(255,255,255,.65)"], ["bump", "fill", "rgba(138,109,75,.35)"],
-  ["white", "line", "#fff"], ["white-broken", "dash", "#fff"], ["yellow", "line", "#d9a300"], ["yellow-broken", "dash", "#d9a300"],
-  ["median", "edge", "#8a6d4b"], ["edge", "edge", "#4d4d4d"],
+const passes = () => [
+  ["driveway", "fill", colour.driveway], ["sidewalk", "fill", colour.sidewalk], ["bike", "lane", colour.bike], ["lane", "lane", colour.lane], ["crosswalk", "fill", colour.white + "a6"], ["bump", "fill", colour.median + "59"],
+  ["white", "line", colour.white], ["white-broken", "dash", colour.white], ["yellow", "line", colour.yellow], ["yellow-broken", "dash", colour.yellow],
+  ["median", "edge", colour.median], ["edge", "edge", colour.edge],
 ];
 
 function tile(column, row, scale) {
@@ -86,12 +91,12 @@ function tile(column, row, scale) {
   canvas = document.createElement("canvas");
   canvas.width = canvas.height = TILE;
   const c = canvas.getContext("2d"), size = TILE / scale, left = column * size, bottom = row * size;
-  c.fillStyle = "#eceae3";
+  c.fillStyle = colour.ground;
   c.fillRect(0, 0, TILE, TILE);
   c.setTransform(scale, 0, 0, -scale, -left * scale, TILE + bottom * scale);
   c.lineJoin = c.lineCap = "round";
   const near = features.filter(({ box }) => box[2] >= left && box[0] <= left + size && box[3] >= bottom && box[1] <= bottom + size);
-  for (const [kind, how, tone] of passes) {
+  for (const [kind, how, tone] of passes()) {
     for (const f of near) {
       if (f.kind !== kind) continue;
       c.setLineDash(how === "dash" ? [3, 3] : []);
@@ -107,7 +112,7 @@ function tile(column, row, scale) {
 
 // --- drawing ---
 
-function car(c, p, b, tone, { stripes = false, outline = "#555d66", dashed = false } = {}) {
+function car(c, p, b, tone, { stripes = false, outline = colour.outline, dashed = false } = {}) {
   c.save();
   c.translate(p.x, p.y);
   c.rotate(p.h);
@@ -159,7 +164,7 @@ function space(p, a, q, b) {
 
 // Outlines of boxes with a label beside the first, of one size on the screen; `pixel` is its size in metres.
 function mark(c, { boxes, label }, pixel) {
-  c.strokeStyle = "#b00020";
+  c.strokeStyle = colour.contact;
   c.lineWidth = 1.6 * pixel;
   for (const [x, y, h, l, w] of boxes) {
     c.save();
@@ -172,7 +177,7 @@ function mark(c, { boxes, label }, pixel) {
   c.translate(boxes[0][0] / 100, boxes[0][1] / 100);
   c.scale(pixel, -pixel);
   c.font = "12px system-ui, sans-serif";
-  c.strokeStyle = "#fff";
+  c.strokeStyle = colour.paper;
   c.lineWidth = 3;
   c.strokeText(label, 12, 4);
   c.fillStyle = colour.ink;
@@ -249,7 +254,7 @@ function drawPanel(panel) {
   const thin = Math.max(0.15, (1.5 * ratio) / scale);
   if (panel.ghost && view.ghost) {
     c.setLineDash([0.8, 0.8]);
-    trail(c, panel.ghost, now, last, "rgba(0,114,178,.55)", thin);
+    trail(c, panel.ghost, now, last, colour.ego + "8c", thin);
     c.setLineDash([]);
   }
   if (panel.others && view.others) for (const k of panel.drawn) line(c, paths[k], kinds[paths[k].kind][0], 0.7 * thin);
@@ -260,12 +265,12 @@ function drawPanel(panel) {
   }
   if (panel.adversary) {
     const isAmong = panel.others && view.others; // candidates: the selected path must stand out
-    trail(c, panel.adversary, now, last, `rgba(213,94,0,${isAmong ? 0.9 : 0.35})`, isAmong ? 1.8 * thin : thin);
-    trail(c, panel.adversary, 0, Math.floor(time), "rgba(213,94,0,.9)", 1.5 * thin);
+    trail(c, panel.adversary, now, last, colour.adversary + (isAmong ? "e6" : "59"), isAmong ? 1.8 * thin : thin);
+    trail(c, panel.adversary, 0, Math.floor(time), colour.adversary + "e6", 1.5 * thin);
   }
-  trail(c, panel.ego, 0, Math.floor(time), "rgba(0,114,178,.9)", 1.5 * thin);
+  trail(c, panel.ego, 0, Math.floor(time), colour.ego + "e6", 1.5 * thin);
   const plan = planAt(panel, time);
-  if (plan) line(c, plan, colour.plan, 2 * thin);
+  if (plan) line(c, plan, colour.plan + "99", 2 * thin);
   const ghost = panel.ghost && view.ghost && pose(panel.ghost, time);
   const own = pose(panel.ego, time);
   if (ghost && Math.hypot(ghost.x - own.x, ghost.y - own.y) > 0.3) car(c, ghost, panel.ego, colour.ego, { dashed: true });
@@ -296,7 +301,7 @@ function drawPanel(panel) {
 function scaleBar(c, ratio, scale, height) {
   const length = [5, 10, 20, 50, 100, 200, 500].find((l) => l * scale >= 50 * ratio) || 500;
   c.setTransform(1, 0, 0, 1, 0, 0);
-  c.fillStyle = "rgba(255,255,255,.75)";
+  c.fillStyle = colour.paper + "bf";
   c.fillRect(6 * ratio, height - 24 * ratio, length * scale + 12 * ratio, 19 * ratio);
   c.strokeStyle = c.fillStyle = colour.ink;
   c.lineWidth = 2 * ratio;
@@ -314,58 +319,100 @@ const change = (of, t, differs = (a, b) => b - a) => {
   return to > from ? differs(of[from], of[to]) / ((to - from) / 10) : NaN;
 };
 const turn = (a, b) => (Math.atan2(Math.sin(b - a), Math.cos(b - a)) * 180) / Math.PI;
-const plots = {
-  speed: ["m/s", 5, (b) => b.v],
-  acceleration: ["m/s²", 2, (b) => b.v.map((_, t) => change(b.v, t))],
-  turning: ["°/s", 10, (b) => b.h.map((_, t) => change(b.h, t, turn))],
-  distance: ["m", 5, (b, panel) => {
-    if (b !== panel.ego || !panel.adversary) return [];
-    return b.x.map((_, t) => { const p = pose(b, b.first + t), q = pose(panel.adversary, b.first + t); return p && q ? space(p, b, q, panel.adversary) : NaN; });
-  }],
+// Of ego and adversary at the frames of the ego.
+const between = (of) => (b, panel) => {
+  if (b !== panel.ego || !panel.adversary) return [];
+  return b.x.map((_, t) => { const p = pose(b, b.first + t), q = pose(panel.adversary, b.first + t); return p && q ? of(p, b, q, panel.adversary) : NaN; });
 };
-function plotted(panel) {
-  if (panel.plotted?.plot !== view.plot) {
-    const [unit, least, of] = plots[view.plot];
+// Angle of the front wheels that gives the turning of the path; a wheelbase is about 0.6 of a length.
+const steering = (b) => b.h.map((h, t) => (b.v[t] < 1 ? NaN : (Math.atan((0.6 * b.length * change(b.h, t, turn) * Math.PI) / 180 / b.v[t]) * 180) / Math.PI));
+// Seconds until the boxes meet if both go on as they do, up to 8. A gap can close no faster than both are.
+function timeToContact(p, a, q, b) {
+  const at = ({ x, y, h, v }, t) => ({ x: x + v * t * Math.cos(h), y: y + v * t * Math.sin(h), h });
+  for (let t = 0, gap; t <= 8; t += Math.max(0.02, gap / (p.v + q.v + 1e-3))) {
+    gap = space(at(p, t), a, at(q, t), b);
+    if (gap < 0.02) return t;
+  }
+  return NaN;
+}
+// Unit, least top of the axis, values, and whether they may be below 0.
+const plots = {
+  speed: ["m/s", 5, (b) => b.v, false],
+  acceleration: ["m/s²", 2, (b) => b.v.map((_, t) => change(b.v, t)), true],
+  steering: ["°", 5, steering, true],
+  turning: ["°/s", 10, (b) => b.h.map((_, t) => change(b.h, t, turn)), true],
+  distance: ["m", 5, between(space), false],
+  "time to contact": ["s", 4, between(timeToContact), false],
+};
+// Turning is what steering does at a speed.
+const shownPlots = () => (view.plot === "all" ? Object.keys(plots).filter((name) => name !== "turning") : [view.plot]);
+function plotted(panel, name) {
+  panel.plotted ||= {};
+  if (!panel.plotted[name]) {
+    const [unit, least, of, isSigned] = plots[name];
     const lines = [panel.ghost, panel.adversary, panel.ego].map((b) => (b ? of(b, panel) : []));
     const known = lines.flat().filter((v) => v === v);
     // Standing still is in every plot: 0.
-    panel.plotted = { plot: view.plot, unit, lines, top: Math.max(least, ...known), bottom: view.plot === "speed" || view.plot === "distance" ? 0 : Math.min(-least, ...known) };
+    panel.plotted[name] = { unit, lines, top: Math.max(least, ...known), bottom: isSigned ? Math.min(-least, ...known) : 0 };
   }
-  return panel.plotted;
+  return panel.plotted[name];
+}
+function choosePlot(name) {
+  view.plot = element("plot").value = name;
+  document.documentElement.style.setProperty("--plots", shownPlots().length);
+  redraw();
 }
 
-// The plot over time: ego, adversary, and the ego without the attack.
+// The plots over time, one above the other: ego, adversary, and the ego without the attack.
 function drawStrip(panel, time, ratio) {
-  const canvas = panel.strip, c = canvas.getContext("2d");
+  const canvas = panel.strip, c = canvas.getContext("2d"), names = shownPlots();
   fitted(canvas);
-  const { unit, lines, top, bottom } = plotted(panel);
-  const { width, height } = canvas, bodies = [panel.ghost && view.ghost && panel.ghost, panel.adversary, panel.ego];
-  const x = (frame) => 40 * ratio + (frame / last) * (width - 48 * ratio), y = (v) => height - 5 * ratio - ((v - bottom) / (top - bottom)) * (height - 12 * ratio);
   c.setTransform(1, 0, 0, 1, 0, 0);
-  c.clearRect(0, 0, width, height);
+  c.clearRect(0, 0, canvas.width, canvas.height);
+  const height = canvas.height / names.length;
+  names.forEach((name, k) => {
+    c.setTransform(1, 0, 0, 1, 0, Math.round(k * height));
+    drawPlot(c, panel, name, canvas.width, height, ratio, names.length > 1);
+  });
+  c.setTransform(1, 0, 0, 1, 0, 0);
+  c.fillStyle = colour.ink;
+  c.fillRect(plotX(time, canvas.width, ratio) - 0.5 * ratio, 0, ratio, canvas.height);
+}
+
+const plotX = (frame, width, ratio) => 40 * ratio + (frame / last) * (width - 48 * ratio);
+
+function drawPlot(c, panel, name, width, height, ratio, isNamed) {
+  const { unit, lines, top, bottom } = plotted(panel, name);
+  const bodies = [panel.ghost && view.ghost && panel.ghost, panel.adversary, panel.ego];
+  const x = (frame) => plotX(frame, width, ratio), y = (v) => height - 5 * ratio - ((v - bottom) / (top - bottom)) * (height - 12 * ratio);
   c.font = `${9.5 * ratio}px system-ui, sans-serif`;
-  c.fillStyle = "#555";
+  c.fillStyle = colour.faint;
   c.textBaseline = "middle";
   c.fillText(`${top.toFixed(0)} ${unit}`, 3 * ratio, y(top) + 3 * ratio);
   c.fillText(bottom.toFixed(0), 3 * ratio, y(bottom) - 1 * ratio);
-  c.strokeStyle = "#ddd";
+  if (isNamed) c.fillText(name, x(0) + 2 * ratio, y(top) + 3 * ratio);
+  c.strokeStyle = colour.grid;
   c.lineWidth = ratio;
   c.strokeRect(x(now), y(top), 0, y(bottom) - y(top));
   c.strokeRect(x(0), y(0), x(last) - x(0), 0);
-  const tones = [["rgba(0,114,178,.6)", [4, 3]], [colour.adversary, []], [colour.ego, []]];
+  const tones = [[colour.ego + "99", [4, 3]], [colour.adversary, []], [colour.ego, []]];
   bodies.forEach((b, k) => {
     if (!b) return;
     c.beginPath();
-    lines[k].forEach((v, t) => { if (v === v) c.lineTo(x(b.first + t), y(v)); });
+    // A value that is not there ends a line.
+    let isDrawn = false;
+    lines[k].forEach((v, t) => {
+      const isThere = v === v;
+      if (isThere) isDrawn ? c.lineTo(x(b.first + t), y(v)) : c.moveTo(x(b.first + t), y(v));
+      isDrawn = isThere;
+    });
     c.strokeStyle = tones[k][0];
     c.setLineDash(tones[k][1].map((d) => d * ratio));
     c.lineWidth = 1.4 * ratio;
     c.stroke();
   });
   c.setLineDash([]);
-  if (panel.contact) { c.fillStyle = "#b00020"; c.fillRect(x(panel.contact.frame) - ratio, y(top), 2 * ratio, y(bottom) - y(top)); }
-  c.fillStyle = colour.ink;
-  c.fillRect(x(time) - 0.5 * ratio, 0, ratio, height);
+  if (panel.contact) { c.fillStyle = colour.contact; c.fillRect(x(panel.contact.frame) - ratio, y(top), 2 * ratio, y(bottom) - y(top)); }
 }
 
 let waiting = false;

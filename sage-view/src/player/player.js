@@ -203,7 +203,7 @@ const keys = {
   " ": (e) => e.repeat || play(!view.playing), ArrowLeft: (e) => step(e.shiftKey ? -10 : -1), ArrowRight: (e) => step(e.shiftKey ? 10 : 1),
   Home: () => step(-last), End: () => step(last), "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8), "−": () => zoom(0.8),
   c: () => next(panels.filter((p) => p.contact && !p.box.hidden).map((p) => p.contact.frame).sort((a, b) => a - b)), g: () => element("ghost").click(), o: () => element("others").click(), "?": () => element("help").click(),
-  p: () => { const options = Object.keys(plots); view.plot = element("plot").value = options[(options.indexOf(view.plot) + 1) % options.length]; redraw(); },
+  p: () => { const options = [...element("plot").options].map((o) => o.value); choosePlot(options[(options.indexOf(view.plot) + 1) % options.length]); },
   f: () => { const options = [...element("follow").options].map((o) => o.value); follow(options[(options.indexOf(view.follow) + 1) % options.length]); },
   0: () => alone(null),
 };
@@ -214,7 +214,7 @@ element("forward").addEventListener("click", () => step(1));
 element("time").addEventListener("input", (e) => { play(false); seek(Number(e.target.value)); });
 element("rate").addEventListener("change", (e) => (view.rate = Number(e.target.value)));
 element("follow").addEventListener("change", (e) => follow(e.target.value));
-element("plot").addEventListener("change", (e) => { view.plot = e.target.value; redraw(); });
+element("plot").addEventListener("change", (e) => choosePlot(e.target.value));
 element("in").addEventListener("click", () => zoom(1.25));
 element("out").addEventListener("click", () => zoom(0.8));
 element("ghost").addEventListener("change", (e) => { view.ghost = e.target.checked; redraw(); });

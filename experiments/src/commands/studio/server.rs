@@ -2,10 +2,11 @@
 
 use std::{
     collections::HashMap,
+    convert::Infallible,
     net::TcpListener,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicU64, Ordering},
         mpsc,
     },
@@ -14,19 +15,23 @@ use std::{
 use anyhow::{Context as _, Result, bail};
 use axum::{
     Json, Router,
-    body::Bytes,
+    body::{Body, Bytes},
     extract::{DefaultBodyLimit, Request, State},
     http::{HeaderMap, HeaderValue, StatusCode, header},
     middleware::{self, Next},
     response::{Html, IntoResponse, Response},
     routing::{get, post},
 };
+use futures_util::stream;
 use sage_run::progress;
 use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Value, json};
-use tokio::sync::oneshot;
+use tokio::sync::{mpsc::unbounded_channel, oneshot};
 
-use super::workshop::{Wanted, Workshop};
+use super::{
+    choice::Choice,
+    workshop::{Workshop, locked},
+};
 
 /// Largest body of a request, bytes.
 const LARGEST_BODY: usize = 64 << 10;
@@ -62,16 +67,19 @@ fn secret() -> Result<String> {
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// Serves until the user interrupts it.
+/// Serves until the user interrupts it; opens the link if `opens`.
 ///
 /// *Errors*: the system refuses the socket.
-pub(super) fn serve(listener: TcpListener, workshop: &Workshop) -> Result<()> {
+pub(super) fn serve(listener: TcpListener, workshop: &Workshop, opens: bool) -> Result<()> {
     let address = listener.local_addr()?.to_string();
     let (jobs, waiting) = mpsc::channel::<Job>();
     let waiting = Mutex::new(waiting);
     let (offered, key, sessions) = (workshop.offered(), Mutex::new(secret()?), Mutex::default());
     let server = Server { jobs, offered, address, key, sessions };
     server.say_link("open");
+    if opens && let Err(error) = open::that_detached(server.link()) {
+        progress::say(&format!("note: no browser was opened: {error}"));
+    }
     std::thread::scope(|scope| {
         for _ in 0..rayon::current_num_threads() {
             scope.spawn(|| {
@@ -96,7 +104,11 @@ fn run(listener: TcpListener, server: Arc<Server>) -> Result<()> {
             .route("/session", post(session))
             .route("/offered", post(offered))
             .route("/scene", post(scene))
+            .route("/thumbnail", post(thumbnail))
             .route("/drive", post(drive))
+            .route("/explain", post(explain))
+            .route("/search", post(search))
+            .route("/keep", post(keep))
             .layer(DefaultBodyLimit::max(LARGEST_BODY))
             .layer(middleware::from_fn_with_state(server.clone(), guard))
             .with_state(server);
@@ -109,13 +121,13 @@ fn run(listener: TcpListener, server: Arc<Server>) -> Result<()> {
     })
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Server {
+    fn link(&self) -> String {
+        format!("http://{}/#key={}", self.address, locked(&self.key))
+    }
+
     fn say_link(&self, words: &str) {
-        progress::say(&format!("{words} http://{}/#key={}", self.address, locked(&self.key)));
+        progress::say(&format!("{words} {}", self.link()));
     }
 
     /// Opens a session for the key of the link, which is then another one.
@@ -147,6 +159,19 @@ impl Server {
         found.ok_or_else(|| {
             Refused(StatusCode::UNAUTHORIZED, "open the link that `sage studio` printed".to_owned())
         })
+    }
+}
+
+impl Server {
+    /// The next turn of the session that a request carries, which ends its turns before.
+    fn turn(&self, headers: &HeaderMap) -> Result<Turn, Refused> {
+        let newest = self.newest(headers)?;
+        let own = newest.fetch_add(1, Ordering::SeqCst) + 1;
+        Ok(Turn { newest, own })
+    }
+
+    fn send(&self, job: impl FnOnce(&Workshop) + Send + 'static) -> Result<(), Refused> {
+        Ok(self.jobs.send(Box::new(job)).map_err(|_| ended())?)
     }
 }
 
@@ -256,13 +281,85 @@ async fn scene(
     work(server, &headers, move |workshop, _| workshop.describe(scene)).await
 }
 
+/// A picture of the list; many are asked for at once, and none takes the place of another.
+async fn thumbnail(
+    State(server): State<Arc<Server>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<Json<Value>, Refused> {
+    server.newest(&headers)?;
+    let SceneNumber { scene } = content(&body)?;
+    answer_of(&server, move |workshop| workshop.thumbnail(scene)).await
+}
+
 async fn drive(
     State(server): State<Arc<Server>>,
     headers: HeaderMap,
     body: Bytes,
 ) -> Result<Json<Value>, Refused> {
-    let wanted: Wanted = content(&body)?;
-    work(server, &headers, move |workshop, check| workshop.drive(&wanted, check)).await
+    let choice: Choice = content(&body)?;
+    work(server, &headers, move |workshop, check| workshop.drive(&choice, check)).await
+}
+
+async fn explain(
+    State(server): State<Arc<Server>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<Json<Value>, Refused> {
+    let choice: Choice = content(&body)?;
+    work(server, &headers, move |workshop, check| workshop.explain(&choice, check)).await
+}
+
+async fn keep(
+    State(server): State<Arc<Server>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<Json<Value>, Refused> {
+    let choice: Choice = content(&body)?;
+    work(server, &headers, move |workshop, _| workshop.keep(&choice)).await
+}
+
+/// Answers with a line of JSON after each drive, and one at the end.
+async fn search(
+    State(server): State<Arc<Server>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<Response, Refused> {
+    let choice: Choice = content(&body)?;
+    let turn = server.turn(&headers)?;
+    let (lines, waiting) = unbounded_channel::<Bytes>();
+    server.send(move |workshop| {
+        let tell = |said: Value| {
+            turn.check()?;
+            // A tab that was closed hears nothing more.
+            lines.send(line(&said)).map_err(|_| Superseded.into())
+        };
+        let found = guarded(|| turn.check().and_then(|()| workshop.search(&choice, &tell)));
+        let last = found.unwrap_or_else(|error| json!({"error": format!("{error:#}")}));
+        let _ = lines.send(line(&last));
+    })?;
+    let lines = stream::unfold(waiting, async |mut waiting| {
+        let line = waiting.recv().await?;
+        Some((Ok::<_, Infallible>(line), waiting))
+    });
+    Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], Body::from_stream(lines)).into_response())
+}
+
+fn line(value: &Value) -> Bytes {
+    Bytes::from(format!("{value}\n"))
+}
+
+/// A request of a session among its others.
+struct Turn {
+    newest: Arc<AtomicU64>,
+    own: u64,
+}
+
+impl Turn {
+    /// *Errors*: a newer request of the session came.
+    fn check(&self) -> Result<()> {
+        if self.newest.load(Ordering::SeqCst) == self.own { Ok(()) } else { Err(Superseded.into()) }
+    }
 }
 
 /// Does the newest work of a session. `check` says to older work that it may end.
@@ -271,22 +368,34 @@ async fn work(
     headers: &HeaderMap,
     work: impl FnOnce(&Workshop, &dyn Fn() -> Result<()>) -> Result<Value> + Send + 'static,
 ) -> Result<Json<Value>, Refused> {
-    let newest = server.newest(headers)?;
-    let own = newest.fetch_add(1, Ordering::SeqCst) + 1;
+    let turn = server.turn(headers)?;
+    answer_of(&server, move |workshop| {
+        turn.check()?;
+        work(workshop, &|| turn.check())
+    })
+    .await
+}
+
+/// Does some work in the workshop.
+async fn answer_of(
+    server: &Server,
+    work: impl FnOnce(&Workshop) -> Result<Value> + Send + 'static,
+) -> Result<Json<Value>, Refused> {
     let (done, answer) = oneshot::channel();
-    let job = move |workshop: &Workshop| {
-        let check = || match newest.load(Ordering::SeqCst) == own {
-            true => Ok(()),
-            false => Err(Superseded.into()),
-        };
-        let guarded = AssertUnwindSafe(|| check().and_then(|()| work(workshop, &check)));
-        let found = catch_unwind(guarded).unwrap_or_else(|_| bail!("the scene could not be worked on"));
+    server.send(move |workshop| {
         // Nobody waits for the answer of a tab that was closed.
-        let _ = done.send(found);
-    };
-    let ended = || anyhow::anyhow!("the server ends");
-    server.jobs.send(Box::new(job)).map_err(|_| ended())?;
+        let _ = done.send(guarded(|| work(workshop)));
+    })?;
     Ok(Json(answer.await.map_err(|_| ended())??))
+}
+
+fn ended() -> anyhow::Error {
+    anyhow::anyhow!("the server ends")
+}
+
+/// The result of some work, or that it failed in a way that it should not.
+fn guarded(work: impl FnOnce() -> Result<Value>) -> Result<Value> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| bail!("the scene could not be worked on"))
 }
 
 #[cfg(test)]

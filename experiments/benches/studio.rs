@@ -53,9 +53,9 @@ fn main() {
         let mut all: Vec<f64> = Vec::new();
         for scene in 0..SCENES {
             browser.run(&format!(
-                "element('scenes').value = {scene}; element('scenes').dispatchEvent(new Event('change'))"
+                "openScene({scene})"
             ));
-            browser.wait(&format!("wanted.scene === {scene} && scene && !isAsking && panels.length"));
+            browser.wait(&format!("wanted.scene === {scene} && scene && !pending && panels.length"));
             all.extend(serde_json::from_value::<Vec<f64>>(browser.run_async(STEPS)).unwrap());
         }
         all.sort_by(f64::total_cmp);

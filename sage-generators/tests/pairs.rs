@@ -82,6 +82,11 @@ fn an_attack_does_not_depend_on_other_operating_points() {
             attack.check(&scene).unwrap();
             let alone = generator.attacks(&ctx, std::slice::from_ref(point), 3).unwrap();
             assert_eq!(alone[0], *attack, "{} at {point:?}", entry.name);
+            // What a generator keeps of a scene changes nothing.
+            if let Some(kept) = generator.prepare(&ctx).unwrap() {
+                let again = generator.attacks_prepared(&*kept, &ctx, std::slice::from_ref(point), 3);
+                assert_eq!(again.unwrap(), alone, "{} at {point:?}", entry.name);
+            }
         }
         assert_eq!(together[1], together[3], "{}", entry.name);
     }

@@ -4,9 +4,12 @@
 
 mod hand_made;
 
-use std::sync::{
-    Arc,
-    atomic::{AtomicUsize, Ordering},
+use std::{
+    ops::ControlFlow,
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
 };
 
 use hand_made::{car, prepared, road, scene};
@@ -222,6 +225,32 @@ fn budget_first_and_reasons_are_kept() {
         searched("idm", &SearchOptions { require: until(Clause::Attack), ..SearchOptions::default() }).1;
     assert_eq!(attacks.failures.len(), attacks.count(Clause::Attack));
     assert!(attacks.count(Clause::Believable) <= attacks.count(Clause::Attack));
+}
+
+#[test]
+fn who_watches_a_search_sees_every_drive_and_may_end_it() {
+    let (simulated, driver) = (overtaken(), policy("idm"));
+    let test = AttackTest::new(&*driver, &simulated, 0).unwrap();
+    let ctx = test.context().unwrap();
+    let options = SearchOptions { budget: 12, refine: 0.0, ..SearchOptions::default() };
+    let watched = |stop: usize| {
+        let mut seen = Vec::new();
+        let watch = |_: &Pool, result: &SearchResult| {
+            seen.push((result.driven.len(), result.failures.len()));
+            if result.driven.len() == stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let hooks = Hooks { watch: Some(Box::new(watch)), ..Hooks::default() };
+        let mut pool = Pool::new(&ctx, &Anything, vec![plans()], 256);
+        let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, hooks).unwrap();
+        (seen, result)
+    };
+    let (seen, whole) = watched(usize::MAX);
+    assert_eq!(whole, searched("idm", &options).1, "watching changes nothing");
+    assert_eq!(seen.iter().map(|(drives, _)| *drives).collect::<Vec<_>>(), (1..=12).collect::<Vec<_>>());
+    assert_eq!(seen.last().unwrap().1, whole.failures.len());
+    let (seen, ended) = watched(5);
+    assert_eq!((seen.len(), &ended.driven[..]), (5, &whole.driven[..5]));
+    assert!(!ended.failures.is_empty() || ended.reason == Some(Reason::Budget));
 }
 
 #[test]

@@ -139,6 +139,13 @@ impl Browser {
         self.of_session("POST", "/actions", &json!({"actions": [mouse]}));
     }
 
+    /// Tells the page that its reader prefers dark pages.
+    pub fn at_night(&self) {
+        let feature = json!({"name": "prefers-color-scheme", "value": "dark"});
+        let wanted = json!({"cmd": "Emulation.setEmulatedMedia", "params": {"features": [feature]}});
+        self.of_session("POST", "/goog/cdp/execute", &wanted);
+    }
+
     /// Messages of the page: errors of scripts, and what the policy of its content refused.
     pub fn messages(&self) -> String {
         let all = self.of_session("POST", "/se/log", &json!({"type": "browser"}));

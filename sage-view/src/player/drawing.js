@@ -335,12 +335,17 @@ function timeToContact(p, a, q, b) {
   }
   return NaN;
 }
+// The blow of a contact is no acceleration of a driver.
+const beforeContact = (of) => (b, panel) => {
+  const end = panel.contact ? Math.max(0, panel.contact.frame - b.first) : Infinity, cut = (list) => list.slice(0, end);
+  return of({ ...b, v: cut(b.v), h: cut(b.h) });
+};
 // Unit, least top of the axis, values, and whether they may be below 0.
 const plots = {
   speed: ["m/s", 5, (b) => b.v, false],
-  acceleration: ["m/s²", 2, (b) => b.v.map((_, t) => change(b.v, t)), true],
-  steering: ["°", 5, steering, true],
-  turning: ["°/s", 10, (b) => b.h.map((_, t) => change(b.h, t, turn)), true],
+  acceleration: ["m/s²", 2, beforeContact(({ v }) => v.map((_, t) => change(v, t))), true],
+  steering: ["°", 5, beforeContact(steering), true],
+  turning: ["°/s", 10, beforeContact(({ h }) => h.map((_, t) => change(h, t, turn))), true],
   distance: ["m", 5, between(space), false],
   "time to contact": ["s", 4, between(timeToContact), false],
 };
@@ -360,7 +365,7 @@ function plotted(panel, name) {
 function choosePlot(name) {
   view.plot = element("plot").value = name;
   document.documentElement.style.setProperty("--plots", shownPlots().length);
-  redraw();
+  if (panels) redraw();
 }
 
 // The plots over time, one above the other: ego, adversary, and the ego without the attack.

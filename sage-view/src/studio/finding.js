@@ -26,7 +26,7 @@ async function explain() {
     const { words } = await ask("/explain", wanted);
     if (asked === JSON.stringify(wanted)) showWhy(words);
   } catch (error) {
-    if (error.status !== 409) showWhy([{ error: error.message }]);
+    if (!error.isReplaced) showWhy([{ error: error.message }]);
   }
 }
 

@@ -34,5 +34,5 @@ function viewOf(hash) {
 window.addEventListener("hashchange", async () => {
   const isKey = new URLSearchParams(location.hash.slice(1)).has("key");
   if (isKey) await begin();
-  else if (offered) openView(viewOf(location.hash));
+  else if (offered) await openView(viewOf(location.hash), true);
 });

@@ -1,11 +1,18 @@
 // --- the server: each request carries the session, never a path or a command ---
 
 let session = sessionStorage.getItem("session");
+// Requests may arrive in another order than they were sent, so each has a number: of the time, since a tab may be loaded again or doubled.
+let newestRequest = 0;
 
 async function send(path, body) {
   const headers = { "Content-Type": "application/json" };
   if (session) headers["X-Session"] = session;
+  if (path !== "/thumbnail") {
+    headers["X-Turn"] = newestRequest = Math.max(newestRequest + 1, Date.now());
+  }
   const reply = await fetch(path, { method: "POST", headers, body: JSON.stringify(body) });
+  // A newer request took its place.
+  if (reply.status === 204) throw Object.assign(new Error("another request came"), { isReplaced: true });
   if (reply.ok) return reply;
   const answer = await reply.json().catch(() => ({ error: `the server answered ${reply.status}` }));
   throw Object.assign(new Error(answer.error), { status: reply.status });

@@ -65,7 +65,7 @@ async function openView(next, isOfLink = false) {
   try {
     scene = await ask("/scene", { scene: wanted.scene });
   } catch (error) {
-    return error.status === 409 ? null : say([{ error: error.message }]);
+    return error.isReplaced ? null : say([{ error: error.message }]);
   }
   const isFirst = !data;
   decode(scene.data);
@@ -95,7 +95,7 @@ async function newest() {
       const answer = await ask("/drive", wanted);
       if (number === wanted.scene) draw(answer);
     } catch (error) {
-      if (error.status !== 409) say([{ error: error.message }]);
+      if (!error.isReplaced) say([{ error: error.message }]);
     }
   }
   pending = null;
@@ -125,9 +125,9 @@ function draw(answer) {
 }
 
 function say(lines) {
-  element("words").replaceChildren(...lines.map(({ error, driver, text, attack }) => {
+  element("words").replaceChildren(...lines.map(({ error, driver, text, attack, isError }) => {
     const line = document.createElement("p");
-    line.className = error ? "error" : attack ? "attack" : "";
+    line.className = error || isError ? "error" : attack ? "attack" : "";
     line.textContent = error || `${driver}: ${text}`;
     return line;
   }));

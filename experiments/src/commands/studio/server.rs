@@ -39,6 +39,10 @@ const LARGEST_BODY: usize = 64 << 10;
 const MOST_SESSIONS: usize = 32;
 /// Header with the session.
 const SESSION: &str = "x-session";
+/// Header with a number that grows from request to request of a page, which may arrive in another order.
+const TURN: &str = "x-turn";
+/// What that number stays below: whole numbers that a page can count.
+const LAST_TURN: u64 = 1 << 53;
 
 /// Work of a session, for one of the threads that have the workshop.
 type Job = Box<dyn FnOnce(&Workshop) + Send>;
@@ -163,10 +167,19 @@ impl Server {
 }
 
 impl Server {
-    /// The next turn of the session that a request carries, which ends its turns before.
+    /// The turn of a request in the session that it carries, which ends turns before; without a number the next one.
     fn turn(&self, headers: &HeaderMap) -> Result<Turn, Refused> {
         let newest = self.newest(headers)?;
-        let own = newest.fetch_add(1, Ordering::SeqCst) + 1;
+        let own = match headers.get(TURN) {
+            Some(number) => {
+                let number = number.to_str().ok().and_then(|number| number.parse().ok());
+                number.filter(|number| *number < LAST_TURN).ok_or_else(|| {
+                    Refused(StatusCode::BAD_REQUEST, format!("`{TURN}` is not a number below {LAST_TURN}"))
+                })?
+            }
+            None => newest.load(Ordering::SeqCst) + 1,
+        };
+        newest.fetch_max(own, Ordering::SeqCst);
         Ok(Turn { newest, own })
     }
 
@@ -180,14 +193,16 @@ struct Refused(StatusCode, String);
 
 impl IntoResponse for Refused {
     fn into_response(self) -> Response {
-        (self.0, Json(json!({"error": self.1}))).into_response()
+        let content = Json(json!({"error": self.1}));
+        // No error: a browser would list it as one.
+        if self.0 == StatusCode::NO_CONTENT { self.0.into_response() } else { (self.0, content).into_response() }
     }
 }
 
 impl From<anyhow::Error> for Refused {
     fn from(error: anyhow::Error) -> Self {
         let status = match error.downcast_ref::<Superseded>() {
-            Some(_) => StatusCode::CONFLICT,
+            Some(_) => StatusCode::NO_CONTENT,
             None => StatusCode::UNPROCESSABLE_ENTITY,
         };
         Self(status, format!("{error:#}"))

@@ -23,7 +23,8 @@ const STEPS: &str = "
   const done = arguments[arguments.length - 1], taken = [];
   const shown = () => new Promise((drawn) => {
     const before = document.body.dataset.drawn;
-    const look = () => (document.body.dataset.drawn !== before && !waiting ? drawn() : requestAnimationFrame(look));
+    // Between frames: a drive is drawn within one.
+    const look = () => (document.body.dataset.drawn !== before && !waiting ? drawn() : setTimeout(look, 1));
     look();
   });
   (async () => {

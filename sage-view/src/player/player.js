@@ -65,8 +65,9 @@ function build() {
   // Drives that are scrolled out of view are not drawn.
   seen?.disconnect();
   seen = new IntersectionObserver((changes) => {
-    changes.forEach(({ target, isIntersecting }) => (panels.find((p) => p.box === target).isVisible = isIntersecting));
-    redraw();
+    const changed = changes.map(({ target, isIntersecting }) => [panels.find((p) => p.box === target), isIntersecting]).filter(([p, isVisible]) => p && p.isVisible !== isVisible);
+    changed.forEach(([p, isVisible]) => (p.isVisible = isVisible));
+    if (changed.length) redraw();
   });
   panels.forEach((p) => seen.observe(p.box));
   if (groups.length) buildSweep();

@@ -43,8 +43,9 @@ pub(super) struct Ready<'w> {
     pub(super) driver: DriverInScene<'w>,
     /// What the attacks of each generator share: the scene is encoded once.
     prepared: Mutex<HashMap<usize, Option<Arc<dyn PreparedProposer>>>>,
-    /// Attacks by the numbers of their generator, dial and place.
-    attacks: Mutex<HashMap<(usize, Dial, usize), Attack>>,
+    attacks: Mutex<HashMap<AttackKey, PlannedOnce>>,
+    /// The attack that was asked for last.
+    last: Mutex<Option<AttackKey>>,
     /// What the newest search found.
     pub(super) found: Mutex<Vec<FailureRow>>,
 }
@@ -59,6 +60,12 @@ impl Ready<'_> {
         self.key.driver
     }
 }
+
+/// Numbers of a generator, its dial and a place of it.
+type AttackKey = (usize, Dial, usize);
+
+/// An attack once it is planned: who asks for it meanwhile waits.
+type PlannedOnce = Arc<Mutex<Option<Attack>>>;
 
 /// What tells drivers in scenes apart.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -192,6 +199,7 @@ impl<'w> Workshop<'w> {
             driver,
             prepared: Mutex::default(),
             attacks: Mutex::default(),
+            last: Mutex::default(),
             found: Mutex::default(),
         });
         let mut all = locked(&self.ready);
@@ -224,13 +232,32 @@ impl<'w> Workshop<'w> {
             return Ok(built.planned_at(&driver.ctx, &driver.test, prepared.as_deref(), 0, seed)?);
         }
         let key = (choice.generator, choice.dial, number);
-        if let Some(known) = locked(&ready.attacks).get(&key) {
-            return Ok(known.clone());
+        let planned = locked(&ready.attacks).entry(key).or_default().clone();
+        let mut planned = locked(&planned);
+        if planned.is_none() {
+            let prepared = prepared.as_deref();
+            *planned =
+                Some(generator.built.planned_at(&driver.ctx, &driver.test, prepared, number, seed)?);
         }
-        let attack =
-            generator.built.planned_at(&driver.ctx, &driver.test, prepared.as_deref(), number, seed)?;
-        locked(&ready.attacks).insert(key, attack.clone());
-        Ok(attack)
+        planned.clone().context("the attack was planned")
+    }
+
+    /// Plans the attacks of the place to which a slider goes on from a choice, while its drives are drawn.
+    pub(super) fn foresee(&self, choice: &Choice, check: &dyn Fn() -> Result<()>) -> Result<()> {
+        for &driver in &choice.drivers {
+            let ready = self.ready(choice, driver)?;
+            let key = (choice.generator, choice.dial, choice.step);
+            let before = locked(&ready.last).replace(key);
+            let Some((_, _, last)) = before.filter(|before| (before.0, before.1) == (key.0, key.1)) else {
+                continue;
+            };
+            let step = (2 * choice.step).checked_sub(last).filter(|step| *step < STEPS && *step != choice.step);
+            if let Some(step) = step.filter(|_| choice.found.is_none() && choice.goal.is_none()) {
+                check()?;
+                self.attack(&Choice { step, ..choice.clone() }, &ready)?;
+            }
+        }
+        Ok(())
     }
 
     /// What the attacks of a generator in a scene share.

@@ -191,9 +191,7 @@ impl BuiltGenerator {
     ) -> Result<Attack> {
         let at = &self.points[number..=number];
         let attacks = match prepared {
-            _ if self.queries(test) => {
-                self.generator.attacks_on(ctx, &QueriedDriver::new(test), at, seed)?
-            }
+            _ if self.queries(test) => self.generator.attacks_on(ctx, &QueriedDriver::new(test), at, seed)?,
             Some(prepared) => self.generator.attacks_prepared(prepared, ctx, at, seed)?,
             None => self.generator.attacks(ctx, at, seed)?,
         };

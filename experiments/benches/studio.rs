@@ -53,9 +53,7 @@ fn main() {
         browser.wait("document.body.dataset.drawn");
         let mut all: Vec<f64> = Vec::new();
         for scene in 0..SCENES {
-            browser.run(&format!(
-                "openScene({scene})"
-            ));
+            browser.run(&format!("openScene({scene})"));
             browser.wait(&format!("wanted.scene === {scene} && scene && !pending && panels.length"));
             all.extend(serde_json::from_value::<Vec<f64>>(browser.run_async(STEPS)).unwrap());
         }

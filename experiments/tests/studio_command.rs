@@ -5,7 +5,13 @@
 mod program;
 mod studio;
 
-use std::{fs, path::Path, process::Command};
+use std::{
+    fs,
+    io::{Read as _, Write as _},
+    net::TcpStream,
+    path::Path,
+    process::Command,
+};
 
 use program::*;
 use serde_json::{Value, json};
@@ -161,7 +167,11 @@ fn three_hundred_drives_of_the_page_are_rows_of_simulate() {
 
 /// The lines of an answer that comes in several.
 fn lines(answer: &str) -> Vec<Value> {
-    answer.lines().filter(|line| line.starts_with('{')).map(|line| serde_json::from_str(line).unwrap()).collect()
+    answer
+        .lines()
+        .filter(|line| line.starts_with('{'))
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect()
 }
 
 #[test]
@@ -229,7 +239,8 @@ fn what_the_page_finds_is_what_search_finds_and_can_be_kept() {
     let mut altered = wanted(2, 20, &[0]);
     let users = studio.post("/scene", Some(&session), r#"{"scene": 2}"#).1;
     let users: Value = serde_json::from_str(&users).unwrap();
-    let far = users["users"].as_array().unwrap().iter().rfind(|user| user["id"] != users["adversary"]).unwrap();
+    let far =
+        users["users"].as_array().unwrap().iter().rfind(|user| user["id"] != users["adversary"]).unwrap();
     altered["without"] = json!([far["id"]]);
     let found = lines(&studio.post("/search", Some(&session), &altered.to_string()).1);
     assert!(!found.last().unwrap()["found"].as_array().unwrap().is_empty(), "{found:?}");
@@ -344,6 +355,34 @@ fn wrong_requests_get_an_error_and_the_next_one_an_answer() {
             assert!(serde_json::from_str::<Value>(&answer).unwrap()["error"].is_string(), "{answer}");
         }
     }
+    // The other requests choose in the same way.
+    for path in ["/explain", "/search", "/keep", "/drive"] {
+        for (body, expected) in
+            [("{".to_owned(), 400), ("[]".to_owned(), 400), (with("found", json!("../x")), 400)]
+        {
+            assert_eq!(studio.post(path, Some(&session), &body).0, expected, "{path} {body}");
+        }
+        for wrong in [with("drivers", json!([7])), with("scene", json!(99)), with("found", json!(3))] {
+            let (status, answer) = studio.post(path, Some(&session), &wrong);
+            // A search finds its own failures, and says in its answer what is wrong.
+            let is_found = path == "/search" && wrong.contains("\"found\":3");
+            assert!(is_found || answer.contains("\"error\":\""), "{path} {wrong}: {status} {answer}");
+        }
+    }
+    assert!(
+        studio.post("/keep", Some(&session), &wanted(0, 20, &[0]).to_string()).1.contains("--out FOLDER")
+    );
+    assert_eq!(studio.post("/thumbnail", Some(&session), r#"{"scene": 7}"#).0, 422);
+    assert_eq!(studio.post("/thumbnail", None, r#"{"scene": 0}"#).0, 401);
+    for turn in ["x", "-1", "1e3", "99999999999999999999"] {
+        let host = &studio.address;
+        let (status, answer) = studio.send(&format!(
+            "POST /drive HTTP/1.1\r\nHost: {host}\r\nX-Session: {session}\r\nX-Turn: {turn}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{}",
+            wanted(0, 0, &[0]).to_string().len(),
+            wanted(0, 0, &[0])
+        ));
+        assert!(status == 400 && answer.contains("x-turn"), "{turn}: {status} {answer}");
+    }
     for path in ["/nothing", "/../secret", "/drive/x", "/%2e%2e"] {
         assert_eq!(studio.post(path, Some(&session), "{}").0, 404, "{path}");
     }
@@ -352,10 +391,58 @@ fn wrong_requests_get_an_error_and_the_next_one_an_answer() {
     assert_eq!(studio.post("/drive", Some(&session), &wanted(1, 0, &[1, 0]).to_string()).0, 200);
 }
 
+/// Sends a request without reading its answer.
+fn sent(studio: &Studio, path: &str, session: &str, body: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(&studio.address).unwrap();
+    let (host, length) = (&studio.address, body.len());
+    let head = format!(
+        "POST {path} HTTP/1.1\r\nHost: {host}\r\nX-Session: {session}\r\nConnection: close\r\nContent-Length: {length}\r\n\r\n"
+    );
+    stream.write_all((head + body).as_bytes()).unwrap();
+    stream
+}
+
+#[test]
+fn a_search_ends_with_its_tab_and_a_newer_request_takes_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    // It would take minutes, and there is one thread.
+    let arguments = ["--procedural", "3", "--ego", "pdm", "--budget", "5000", "--threads", "1"];
+    let mut studio = Studio::start(&arguments, folder.path());
+    let (first, second) = (studio.session(), studio.session());
+    let body = wanted(1, 20, &[0]).to_string();
+    let begun = |session: &str| {
+        let mut stream = sent(&studio, "/search", session, &body);
+        let mut answer = [0; 512];
+        assert!(stream.read(&mut answer).unwrap() > 0);
+        stream
+    };
+    drop(begun(&first));
+    assert_eq!(studio.post("/drive", Some(&second), &body).0, 200);
+    let mut searching = begun(&second);
+    assert_eq!(studio.post("/drive", Some(&second), &body).0, 200);
+    let mut rest = Vec::new();
+    searching.read_to_end(&mut rest).unwrap_or_default();
+    assert!(String::from_utf8_lossy(&rest).contains("a newer request took its place"));
+}
+
+#[test]
+fn a_planner_that_hangs_is_given_up_and_others_are_answered() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("planner.sh"), "exec sleep 1000\n").unwrap();
+    let drivers = ["--ego", "idm", "--ego", "hangs=cmd:sh planner.sh"];
+    let limits = ["--ego-timeout", "2,2,2", "--threads", "2"];
+    let mut studio = Studio::start(&[&["--procedural", "2"][..], &drivers, &limits].concat(), folder.path());
+    let (first, second) = (studio.session(), studio.session());
+    let hanging = sent(&studio, "/drive", &first, &wanted(0, 20, &[1]).to_string());
+    assert_eq!(studio.post("/drive", Some(&second), &wanted(1, 20, &[0]).to_string()).0, 200);
+    let (status, answer) = studio.post("/drive", Some(&first), &wanted(0, 20, &[1]).to_string());
+    assert!(status == 422 && answer.contains("hangs"), "{status} {answer}");
+    drop(hanging);
+    assert_eq!(studio.post("/drive", Some(&first), &wanted(0, 20, &[0]).to_string()).0, 200);
+}
+
 #[test]
 fn closed_connections_and_many_tabs_leave_it_running() {
-    use std::{io::Write as _, net::TcpStream};
-
     let folder = tempfile::tempdir().unwrap();
     let mut studio = Studio::start(&["--procedural", "4"], folder.path());
     let sessions: Vec<String> = (0..40).map(|_| studio.session()).collect();
@@ -364,13 +451,12 @@ fn closed_connections_and_many_tabs_leave_it_running() {
     let session = &sessions[39];
     for _ in 0..20 {
         let body = wanted(3, 7, &[0, 1]).to_string();
+        drop(sent(&studio, "/drive", session, &body));
+        // Half of one.
         let mut stream = TcpStream::connect(&studio.address).unwrap();
-        let head = format!(
-            "POST /drive HTTP/1.1\r\nHost: {}\r\nX-Session: {session}\r\nContent-Length: {}\r\n\r\n",
-            studio.address,
-            body.len()
-        );
-        stream.write_all((head + &body[..body.len() / 2]).as_bytes()).unwrap();
+        let (host, length) = (&studio.address, body.len());
+        let head = format!("POST /drive HTTP/1.1\r\nHost: {host}\r\nContent-Length: {length}\r\n\r\n");
+        stream.write_all((head + &body[..length / 2]).as_bytes()).unwrap();
     }
     // Of requests at once the newest is always answered; older ones may be given up.
     std::thread::scope(|scope| {

@@ -115,8 +115,16 @@ fn a_person_tries_an_attack_with_the_mouse() {
         browser.run("element('scenes').children[3].click()");
     });
     assert!(command(&browser).contains("four-way-0-3") && !command(&browser).contains("--adversary"));
+    // Nothing of the scene before is left on the map.
+    let picture = "return panels[0].canvas.toDataURL()";
+    browser.wait("!waiting");
+    let drawn_once = browser.run(picture);
+    browser.run("tiles.clear(); redraw()");
+    browser.wait("!waiting");
+    assert!(browser.run(picture) == drawn_once, "the map is that of the scene");
     // The list shows what the scenes look like.
-    browser.wait("[...document.querySelectorAll('#scenes img')].slice(0, 3).every((e) => e.naturalWidth > 1)");
+    browser
+        .wait("[...document.querySelectorAll('#scenes img')].slice(0, 3).every((e) => e.naturalWidth > 1)");
     // All plots have one cursor, which steps by 0.1 s.
     assert_eq!(browser.run("return shownPlots().length"), 5);
     browser.run("document.activeElement.blur()");
@@ -225,7 +233,9 @@ fn by_night_the_page_is_dark() {
     browser.at_night();
     browser.wait("colour.ground !== day.ground && !waiting");
     assert!(ground(&browser) < 100.0, "{}", ground(&browser));
-    let text = browser.run("return [getComputedStyle(document.body).backgroundColor, getComputedStyle(document.body).color]");
+    let text = browser.run(
+        "return [getComputedStyle(document.body).backgroundColor, getComputedStyle(document.body).color]",
+    );
     assert_eq!(text, json!(["rgb(22, 24, 26)", "rgb(230, 232, 234)"]));
 }
 

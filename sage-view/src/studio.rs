@@ -14,9 +14,7 @@ use serde_json::Result;
 
 use crate::{
     html_page::{self, PageParts},
-    player::{
-        EncodedBody, EncodedPanel, PAGE, PLAYER, Panel, STYLE, encoded, encoded_track, is_in, map,
-    },
+    player::{EncodedBody, EncodedPanel, PAGE, PLAYER, Panel, STYLE, encoded, encoded_track, is_in, map},
 };
 
 pub use thumbnail::thumbnail;

@@ -16,8 +16,8 @@ use std::{
 };
 
 use advsage::{
-    Registries, driver_spec::DriverSpecs, ego::Ego, named_generator::GeneratorSpec,
-    named_search::SearchSpec, part::Part,
+    Registries, driver_spec::DriverSpecs, ego::Ego, named_generator::GeneratorSpec, named_search::SearchSpec,
+    part::Part,
 };
 use anyhow::{Context as _, Result, ensure};
 use sage_run::{Outcome, scenes::Scenes};
@@ -66,6 +66,7 @@ pub(crate) fn run(args: &StudioArgs, registries: &Registries) -> Result<Outcome>
 /// Whether a person sits before this machine: a terminal, and a desktop that is not far away.
 fn has_desktop() -> bool {
     let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    let has_windows = cfg!(any(windows, target_os = "macos")) || is_set("DISPLAY") || is_set("WAYLAND_DISPLAY");
+    let has_windows =
+        cfg!(any(windows, target_os = "macos")) || is_set("DISPLAY") || is_set("WAYLAND_DISPLAY");
     stderr().is_terminal() && has_windows && !is_set("SSH_CONNECTION")
 }

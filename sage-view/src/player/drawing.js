@@ -54,6 +54,7 @@ function decode(next) {
   data = next;
   [now, last] = [data.now, data.frames - 1];
   features = data.map.map(feature);
+  tileScale = 0;
   traffic = data.traffic.map(body);
   paths = data.paths.map(({ kind, x, y }) => ({ kind, x: sums(x, 1e-1), y: sums(y, 1e-1) }));
   decodePanels();
@@ -395,7 +396,6 @@ function drawPlot(c, panel, name, width, height, ratio, isNamed) {
   c.textBaseline = "middle";
   c.fillText(`${top.toFixed(0)} ${unit}`, 3 * ratio, y(top) + 3 * ratio);
   c.fillText(bottom.toFixed(0), 3 * ratio, y(bottom) - 1 * ratio);
-  if (isNamed) c.fillText(name, x(0) + 2 * ratio, y(top) + 3 * ratio);
   c.strokeStyle = colour.grid;
   c.lineWidth = ratio;
   c.strokeRect(x(now), y(top), 0, y(bottom) - y(top));
@@ -418,6 +418,13 @@ function drawPlot(c, panel, name, width, height, ratio, isNamed) {
   });
   c.setLineDash([]);
   if (panel.contact) { c.fillStyle = colour.contact; c.fillRect(x(panel.contact.frame) - ratio, y(top), 2 * ratio, y(bottom) - y(top)); }
+  if (!isNamed) return;
+  // Lines go on behind the name.
+  c.strokeStyle = colour.paper;
+  c.lineWidth = 3 * ratio;
+  c.strokeText(name, x(0) + 2 * ratio, y(top) + 3 * ratio);
+  c.fillStyle = colour.faint;
+  c.fillText(name, x(0) + 2 * ratio, y(top) + 3 * ratio);
 }
 
 let waiting = false;

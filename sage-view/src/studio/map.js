@@ -51,8 +51,7 @@ element("panels").addEventListener("pointermove", (event) => {
   if (!panel) return;
   event.stopPropagation();
   const at = placeIn(panel, event);
-  wanted.goal = [at.x + scene.data.origin[0], at.y + scene.data.origin[1]].map((x) => Math.round(100 * x) / 100);
-  attackAgain();
+  generate({ goal: [at.x + scene.data.origin[0], at.y + scene.data.origin[1]].map((x) => Math.round(100 * x) / 100) });
 }, true);
 element("panels").addEventListener("pointerup", (event) => {
   const isClick = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4, panel = panelOf(event);

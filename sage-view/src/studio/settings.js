@@ -143,7 +143,7 @@ function showSettings() {
   element("dial").value = wanted.step;
   element("dial").setAttribute("aria-label", wanted.dial);
   const value = (wanted.step / (offered.steps - 1)).toFixed(2);
-  element("dial-value").textContent = wanted.found === null ? `${wanted.dial === "lambda" ? "λ" : wanted.dial} ${value}` : "the failure chosen below";
+  element("dial-value").textContent = wanted.found === null ? `${wanted.dial === "lambda" ? "λ" : wanted.dial} ${value}` : `failure ${wanted.found + 1}`;
   element("dial").setAttribute("aria-valuetext", `${wanted.dial} ${value}`);
   if (!generator.aims) wanted.goal = null;
   element("goal").parentElement.hidden = !generator.aims;

@@ -31,7 +31,12 @@ pub fn thumbnail(scene: &Scene) -> String {
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{SIZE}\" height=\"{SIZE}\" viewBox=\"{:.1} {:.1} {:.1} {:.1}\"><style>{STYLE}</style>\
          <rect x=\"{:.1}\" y=\"{:.1}\" width=\"100%\" height=\"100%\"/>",
-        area.min[0], -area.max[1], 2.0 * REACH, 2.0 * REACH, area.min[0], -area.max[1]
+        area.min[0],
+        -area.max[1],
+        2.0 * REACH,
+        2.0 * REACH,
+        area.min[0],
+        -area.max[1]
     );
     // A pixel is more than a metre: lines are as thick as they need to be seen.
     for (class, width) in [("lane", LANE_WIDTH), ("line", 0.4), ("edge", 0.9)] {

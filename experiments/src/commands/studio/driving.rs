@@ -57,7 +57,12 @@ impl<'w> Workshop<'w> {
                 Err(error) => {
                     check()?;
                     let label = self.drivers.get(driver).map_or("", |driver| &driver.label);
-                    words.push(Words { driver: label, text: format!("{error:#}"), attack: false, is_error: true });
+                    words.push(Words {
+                        driver: label,
+                        text: format!("{error:#}"),
+                        attack: false,
+                        is_error: true,
+                    });
                     failed.get_or_insert(error);
                 }
             }
@@ -108,7 +113,7 @@ impl<'w> Driven<'w> {
     fn words(&self) -> Words<'w> {
         Words {
             driver: self.label,
-            text: format!("{}. {}", self.row.ending(), self.row.note()),
+            text: self.row.ending(),
             attack: self.row.verdict().is_some_and(|verdict| verdict.is_attack),
             is_error: false,
         }

@@ -52,11 +52,8 @@ impl Workshop<'_> {
     pub(super) fn search(&self, choice: &Choice, tell: &dyn Fn(Value) -> Result<()>) -> Result<Value> {
         choice.check()?;
         let ready = self.ready(choice, choice.drivers[0])?;
-        let options = SearchOptions {
-            budget: self.budget,
-            explain: Explained::Mildest,
-            ..SearchOptions::default()
-        };
+        let options =
+            SearchOptions { budget: self.budget, explain: Explained::Mildest, ..SearchOptions::default() };
         let (head, merger) = (self.head(choice, &ready)?, GeneratorSpec::default().merger);
         let row = |pool: &Pool, result: &SearchResult, number: usize| {
             let found = FailureOf { pool, result, number };
@@ -119,7 +116,9 @@ impl Workshop<'_> {
             check()?;
             let judged = self.judged(choice, driver)?;
             let is_failure = judged.failure.is_some();
-            words.push(json!({"driver": self.drivers[driver].label, "text": judged.words, "failure": is_failure}));
+            words.push(
+                json!({"driver": self.drivers[driver].label, "text": judged.words, "failure": is_failure}),
+            );
         }
         Ok(json!({"words": words}))
     }
@@ -174,7 +173,9 @@ impl Workshop<'_> {
         };
         let why = match driven.missing(Requirement::default()) {
             Some(Reason::NeverHit) => "there is no contact",
-            Some(Reason::ContactWithoutAttack) => "the contact comes without the attack too, or is with another",
+            Some(Reason::ContactWithoutAttack) => {
+                "the contact comes without the attack too, or is with another"
+            }
             Some(Reason::NotBelievable) => "the attack is not believable",
             Some(Reason::NotAtFault) => "the driver is not at fault",
             Some(Reason::NotPreventable) => "no reference driver prevents the contact",
@@ -214,7 +215,9 @@ fn prevention(by: Option<&str>, not: &[&str]) -> String {
             format!("{MODEL} would not have prevented the contact; `{by}` would.")
         }
         Some(by) => format!("`{by}` would have prevented the contact."),
-        None => format!("None of the reference drivers ({}) would have prevented the contact.", not.join(", ")),
+        None => {
+            format!("None of the reference drivers ({}) would have prevented the contact.", not.join(", "))
+        }
     }
 }
 
@@ -225,7 +228,10 @@ mod tests {
     #[test]
     fn the_driver_of_the_regulation_is_named_first() {
         assert!(prevention(Some("r157"), &[]).starts_with("The driver of UN R157 would have"));
-        assert!(prevention(Some("idm"), &["r157"]).ends_with("would not have prevented the contact; `idm` would."));
+        assert!(
+            prevention(Some("idm"), &["r157"])
+                .ends_with("would not have prevented the contact; `idm` would.")
+        );
         assert!(prevention(Some("idm"), &[]).starts_with("`idm` would"));
         assert!(prevention(None, &["r157", "idm"]).contains("(r157, idm)"));
     }

@@ -80,7 +80,8 @@ impl Keeper {
         let mut growing = locked(&self.growing);
         if growing.is_none() {
             let folder = Folder::make(&self.out, !self.before.tests.is_empty())?;
-            *growing = Some(GrowingSuite::new(folder, self.before.clone(), AttackFormats::One(Format::Native))?);
+            *growing =
+                Some(GrowingSuite::new(folder, self.before.clone(), AttackFormats::One(Format::Native))?);
         }
         let growing = growing.as_mut().context("the suite was opened")?;
         let stored = growing.store(scene, &bytes)?;
@@ -96,7 +97,8 @@ impl Workshop<'_> {
     /// *Errors*: nothing is kept; none of them fails; a system error.
     pub(super) fn keep(&self, choice: &Choice) -> Result<Value> {
         choice.check()?;
-        let keeper = self.keeper.as_ref().context("start `sage studio` with --out FOLDER to keep failures")?;
+        let keeper =
+            self.keeper.as_ref().context("start `sage studio` with --out FOLDER to keep failures")?;
         let judged = choice.drivers.iter().map(|&driver| self.judged(choice, driver));
         let failures = judged.collect::<Result<Vec<_>>>()?.into_iter().filter_map(|judged| judged.failure);
         let failures: Vec<FailureRow> = failures.collect();

@@ -195,7 +195,11 @@ impl IntoResponse for Refused {
     fn into_response(self) -> Response {
         let content = Json(json!({"error": self.1}));
         // No error: a browser would list it as one.
-        if self.0 == StatusCode::NO_CONTENT { self.0.into_response() } else { (self.0, content).into_response() }
+        if self.0 == StatusCode::NO_CONTENT {
+            self.0.into_response()
+        } else {
+            (self.0, content).into_response()
+        }
     }
 }
 

@@ -236,8 +236,7 @@ impl<'w> Workshop<'w> {
         let mut planned = locked(&planned);
         if planned.is_none() {
             let prepared = prepared.as_deref();
-            *planned =
-                Some(generator.built.planned_at(&driver.ctx, &driver.test, prepared, number, seed)?);
+            *planned = Some(generator.built.planned_at(&driver.ctx, &driver.test, prepared, number, seed)?);
         }
         planned.clone().context("the attack was planned")
     }
@@ -251,7 +250,8 @@ impl<'w> Workshop<'w> {
             let Some((_, _, last)) = before.filter(|before| (before.0, before.1) == (key.0, key.1)) else {
                 continue;
             };
-            let step = (2 * choice.step).checked_sub(last).filter(|step| *step < STEPS && *step != choice.step);
+            let step =
+                (2 * choice.step).checked_sub(last).filter(|step| *step < STEPS && *step != choice.step);
             if let Some(step) = step.filter(|_| choice.found.is_none() && choice.goal.is_none()) {
                 check()?;
                 self.attack(&Choice { step, ..choice.clone() }, &ready)?;

@@ -177,7 +177,6 @@ impl GrowingSuite {
     }
 }
 
-
 /// Removes the suite that a folder holds: what it says first, then what it is made of.
 ///
 /// *Errors*: a system error.

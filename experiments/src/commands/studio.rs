@@ -4,7 +4,9 @@ mod choice;
 mod command_line;
 mod driving;
 mod finding;
+mod keeper;
 mod keeping;
+mod locked;
 mod method;
 mod server;
 mod workshop;
@@ -23,7 +25,7 @@ use anyhow::{Context as _, Result, ensure};
 use sage_run::{Outcome, scenes::Scenes};
 
 use crate::cli::StudioArgs;
-use keeping::Keeper;
+use keeper::Keeper;
 use method::Method;
 use workshop::{Workshop, labels};
 

@@ -20,7 +20,8 @@ use serde_json::{Value, json};
 
 use super::{
     choice::Choice,
-    workshop::{Ready, Workshop, locked},
+    locked::locked,
+    workshop::{Ready, Workshop},
 };
 
 /// Name of the reference driver of UN R157.

@@ -28,10 +28,7 @@ use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Value, json};
 use tokio::sync::{mpsc::unbounded_channel, oneshot};
 
-use super::{
-    choice::Choice,
-    workshop::{Workshop, locked},
-};
+use super::{choice::Choice, locked::locked, workshop::Workshop};
 
 /// Largest body of a request, bytes.
 const LARGEST_BODY: usize = 64 << 10;

@@ -2,7 +2,7 @@
 
 use std::{
     collections::{HashMap, VecDeque},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex},
 };
 
 use advsage::{
@@ -30,7 +30,8 @@ use serde_json::{Value, json};
 
 use super::{
     choice::Choice,
-    keeping::Keeper,
+    keeper::Keeper,
+    locked::locked,
     method::{Dial, Method, STEPS},
 };
 
@@ -94,11 +95,6 @@ pub(super) struct Workshop<'w> {
     pub(super) keeper: Option<Keeper>,
     pub(super) registries: &'w Registries,
     pub(super) ready: Mutex<VecDeque<Arc<Ready<'w>>>>,
-}
-
-/// The content of a mutex: what is in it is whole, whatever its last user met.
-pub(super) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Paths without the folder in which all of them lie.

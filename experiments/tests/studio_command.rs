@@ -187,7 +187,7 @@ fn what_the_page_finds_is_what_search_finds_and_can_be_kept() {
         serde_json::from_str(&answer).unwrap()
     };
     let mut choice = wanted(2, 20, &[0, 1]);
-    choice["found"] = json!(0);
+    choice["found"] = json!({"number": 0, "without": []});
     let early = post("/drive", &choice);
     assert!(early.0 == 422 && early.1.contains("search again"), "{early:?}");
     let (status, answer) = post("/search", &wanted(2, 20, &[0, 1]));
@@ -201,23 +201,38 @@ fn what_the_page_finds_is_what_search_finds_and_can_be_kept() {
     // A failure on both drivers, by the commands that the page gives.
     let origin = ask("/scene", &json!({"scene": 2}))["data"]["origin"].clone();
     for number in 0..found.len() {
-        choice["found"] = json!(number);
+        choice["found"] = json!({"number": number, "without": []});
         compare(&ask("/drive", &choice), &origin, folder.path());
         let _ = fs::remove_dir_all(folder.path().join("found"));
     }
-    choice["found"] = json!(0);
+    choice["found"] = json!({"number": 0, "without": []});
     let explained = ask("/explain", &choice);
     let words = explained["words"][0]["text"].as_str().unwrap();
-    assert!(explained["words"][0]["failure"] == true && words.starts_with("A failure. After "), "{words}");
-    assert!(words.contains("would have prevented the contact."), "{words}");
+    assert!(explained["words"][0]["failure"] == true && words.starts_with("A failure. The driver of UN R157 would "), "{words}");
+    assert!(words.contains(" After "), "{words}");
 
     // Nothing is written until something is kept; the same failure is one test.
     assert!(!folder.path().join("suite").exists());
     let kept = ask("/keep", &choice);
     assert_eq!(ask("/keep", &choice), kept, "twice");
-    choice["without"] = json!(["5"]);
+    // The same plan where somebody is not there, by the commands of the page too.
+    let users = ask("/scene", &json!({"scene": 2}));
+    let away = users["users"].as_array().unwrap().iter().rfind(|user| user["id"] != users["adversary"]).unwrap();
+    choice["without"] = json!([away["id"]]);
+    compare(&ask("/drive", &choice), &origin, folder.path());
+    choice["found"]["without"] = choice["without"].clone();
     let (status, answer) = post("/keep", &choice);
     assert!(status == 422 && answer.contains("search again"), "{answer}");
+    // All places of the slider.
+    let swept = lines(&post("/sweep", &wanted(2, 20, &[0])).1);
+    let mut steps: Vec<u64> = swept.iter().filter_map(|line| line["step"].as_u64()).collect();
+    steps.sort_unstable();
+    assert_eq!(steps, (0..21).collect::<Vec<_>>());
+    for line in swept.iter().take(4) {
+        let at = wanted(2, line["step"].as_u64().unwrap() as usize, &[0]);
+        let is_failure = ask("/explain", &at)["words"][0]["failure"] == true;
+        assert_eq!(line["becomes"] == "failure", is_failure, "{line}");
+    }
     let not = post("/keep", &wanted(0, 0, &[0]));
     assert!(not.0 == 422 && not.1.contains("no driver here fails"), "{not:?}");
     drop(studio);
@@ -244,7 +259,7 @@ fn what_the_page_finds_is_what_search_finds_and_can_be_kept() {
     altered["without"] = json!([far["id"]]);
     let found = lines(&studio.post("/search", Some(&session), &altered.to_string()).1);
     assert!(!found.last().unwrap()["found"].as_array().unwrap().is_empty(), "{found:?}");
-    altered["found"] = json!(0);
+    altered["found"] = json!({"number": 0, "without": [far["id"]]});
     let (status, answer) = studio.post("/keep", Some(&session), &altered.to_string());
     assert_eq!(status, 200, "{answer}");
     let suite: Value = serde_json::from_slice(&fs::read(folder.join("suite/suite.json")).unwrap()).unwrap();
@@ -362,10 +377,10 @@ fn wrong_requests_get_an_error_and_the_next_one_an_answer() {
         {
             assert_eq!(studio.post(path, Some(&session), &body).0, expected, "{path} {body}");
         }
-        for wrong in [with("drivers", json!([7])), with("scene", json!(99)), with("found", json!(3))] {
+        for wrong in [with("drivers", json!([7])), with("scene", json!(99)), with("found", json!({"number": 3, "without": []}))] {
             let (status, answer) = studio.post(path, Some(&session), &wrong);
             // A search finds its own failures, and says in its answer what is wrong.
-            let is_found = path == "/search" && wrong.contains("\"found\":3");
+            let is_found = path == "/search" && wrong.contains("number");
             assert!(is_found || answer.contains("\"error\":\""), "{path} {wrong}: {status} {answer}");
         }
     }

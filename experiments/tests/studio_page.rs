@@ -151,8 +151,10 @@ fn a_person_finds_a_failure_and_keeps_it() {
     drawn(&browser, || {
         browser.run("element('scenes').children[2].click()");
     });
-    // Why it is no failure is said once nothing changes any more.
+    // Why it is no failure is said once nothing changes any more, and what becomes of the other places of the slider.
     browser.wait("element('why').innerText.includes('No failure: ')");
+    browser.wait("places.size === offered.steps");
+    assert!(browser.run("return element('places-legend').textContent").as_str().unwrap().starts_with("idm: "));
     browser.run("element('search').click()");
     browser.wait("!isSearching");
     let said = browser.run("return element('searched').textContent");
@@ -161,11 +163,11 @@ fn a_person_finds_a_failure_and_keeps_it() {
         browser.run("element('found').querySelector('button').click()");
     });
     assert!(command(&browser).contains("--attack found/merge-0-2-failure1.json"), "{}", command(&browser));
-    browser.wait("element('why').innerText.includes('idm: A failure. After ')");
+    browser.wait("element('why').innerText.includes('idm: A failure. The driver of UN R157 would ')");
     browser.run("element('keep').click()");
     browser.wait("element('kept').textContent");
     let kept = browser.run("return element('kept').textContent");
-    assert!(kept.as_str().unwrap().starts_with("merge-0-2-idm-failure1"), "{kept}");
+    assert!(kept.as_str().unwrap().starts_with("kept as merge-0-2-idm-failure1"), "{kept}");
     assert_eq!(passes(&folder.path().join("suite"), "idm"), Some(1));
     // The slider goes back to the generator; a newer wish ends a search.
     drawn(&browser, || {

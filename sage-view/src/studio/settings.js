@@ -47,8 +47,7 @@ function attackWith(id) { wanted.adversary = id; wanted.goal = null; forgetFound
 function toggle(id) {
   wanted.without = wanted.without.includes(id) ? wanted.without.filter((other) => other !== id) : [...wanted.without, id];
   if (wanted.adversary === id) wanted.adversary = null;
-  if (scene.adversary === id) wanted.goal = null;
-  forgetFound();
+  if (scene.adversary === id) { wanted.goal = null; forgetFound(); }
   closeMenu();
   attackAgain();
 }
@@ -143,8 +142,11 @@ function showSettings() {
   element("dial").value = wanted.step;
   element("dial").setAttribute("aria-label", wanted.dial);
   const value = (wanted.step / (offered.steps - 1)).toFixed(2);
-  element("dial-value").textContent = wanted.found === null ? `${wanted.dial === "lambda" ? "λ" : wanted.dial} ${value}` : `failure ${wanted.found + 1}`;
+  element("dial-value").textContent = wanted.found === null ? `${wanted.dial === "lambda" ? "λ" : wanted.dial} ${value}` : `failure ${wanted.found.number + 1}`;
   element("dial").setAttribute("aria-valuetext", `${wanted.dial} ${value}`);
+  element("explain").hidden = !isProgram();
+  element("own-way").hidden = wanted.drivers.length < 2 || wanted.found !== null;
+  showPlaces();
   if (!generator.aims) wanted.goal = null;
   element("goal").parentElement.hidden = !generator.aims;
   element("no-goal").hidden = !wanted.goal;

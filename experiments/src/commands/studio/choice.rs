@@ -22,9 +22,17 @@ pub(super) struct Choice {
     pub(super) adversary: Option<String>,
     pub(super) without: Vec<String>,
     pub(super) goal: Option<Point>,
-    /// Number of a failure that a search of the first driver found, 0 the first: its plan in place of one of the generator.
+    /// A failure that a search of the first driver found: its plan in place of one of the generator.
     #[serde(default)]
-    pub(super) found: Option<usize>,
+    pub(super) found: Option<FoundChoice>,
+}
+
+/// A failure by its number, 0 the first, in a search without some road users.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FoundChoice {
+    pub(super) number: usize,
+    pub(super) without: Vec<String>,
 }
 
 impl Choice {

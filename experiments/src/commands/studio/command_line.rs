@@ -44,8 +44,8 @@ impl Workshop<'_> {
             Some(_) => format!("invented/{name}.{}", Format::Native.ending()),
         };
         let method = &self.methods[choice.generator];
-        let changed = |words: Words| {
-            let without = Some(choice.without.join(",")).filter(|ids| !ids.is_empty());
+        let changed = |words: Words, without: &[String]| {
+            let without = Some(without.join(",")).filter(|ids| !ids.is_empty());
             words.option_if("--adversary", choice.adversary.clone()).option_if("--without", without)
         };
         let seed = Some(self.seed.to_string()).filter(|_| self.seed != 0);
@@ -61,24 +61,25 @@ impl Workshop<'_> {
             lines.push(format!("sage scenes --count {count} --seed {seed} --out invented --force"));
         }
         let simulate = drivers(Words::of("simulate").word(file.clone()));
-        let simulate = match choice.found {
-            Some(number) => {
+        let simulate = match &choice.found {
+            Some(found) => {
                 let first = self.drivers[choice.drivers[0]].label.clone();
                 let search = Words::of("search").word(file.clone()).option("--ego", first);
                 let search = search.option_if("--weights", method.weights.clone());
-                let search = changed(search).option("--budget", self.budget.to_string());
+                let search = changed(search, &found.without).option("--budget", self.budget.to_string());
                 let search = search.option_if("--seed", seed.clone()).option("--out", "found");
                 lines.push(quoted(search));
                 let scene = input::scene_name(Path::new(&file))?;
-                let row = format!("found/{scene}-failure{}.json", number + 1);
-                changed(simulate).option("--attack", row)
+                let row = format!("found/{scene}-failure{}.json", found.number + 1);
+                changed(simulate, &choice.without).option("--attack", row)
             }
             None => {
                 let simulate = simulate.option("--method", method.part.to_string());
                 let simulate = simulate.option_if("--weights", method.weights.clone());
                 let place = Some(value(choice.step).to_string()).filter(|_| method.has_dial());
                 let goal = choice.goal.map(|[x, y]| format!("{x},{y}"));
-                changed(simulate.option_if(choice.dial.option(), place)).option_if("--goal", goal)
+                let simulate = simulate.option_if(choice.dial.option(), place);
+                changed(simulate, &choice.without).option_if("--goal", goal)
             }
         };
         lines.push(quoted(simulate.option_if("--seed", seed).option("--out", "drives")));

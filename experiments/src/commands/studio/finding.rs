@@ -19,8 +19,9 @@ use sage_sim::search::{
 use serde_json::{Value, json};
 
 use super::{
-    choice::Choice,
+    choice::{Choice, FoundChoice},
     locked::locked,
+    method::STEPS,
     workshop::{Ready, Workshop},
 };
 
@@ -40,7 +41,7 @@ fn shown(found: &[FailureRow]) -> Vec<Value> {
     let of = |row: &FailureRow| {
         let after = row.evaluated.contact.as_ref().map_or(0.0, |met| met.step as f64 / 10.0);
         let (plan, drive) = (row.plan.words(), row.drive);
-        json!({"text": format!("drive {drive}: {plan}, contact after {after:.1} s"), "words": row.sentence})
+        json!({"text": format!("contact after {after:.1} s; drive {drive}, plan of {plan}"), "words": row.sentence})
     };
     found.iter().map(of).collect()
 }
@@ -101,10 +102,11 @@ impl Workshop<'_> {
     /// A failure that the newest search of the first driver found.
     ///
     /// *Errors*: there is none of this number.
-    pub(super) fn found(&self, choice: &Choice, number: usize) -> Result<FailureRow> {
-        let ready = self.ready(choice, choice.drivers[0])?;
-        let found = locked(&ready.found).get(number).cloned();
-        found.with_context(|| format!("no search here has a failure {}; search again", number + 1))
+    pub(super) fn found(&self, choice: &Choice, found: &FoundChoice) -> Result<FailureRow> {
+        let searched = Choice { without: found.without.clone(), ..choice.clone() };
+        let ready = self.ready(&searched, choice.drivers[0])?;
+        let row = locked(&ready.found).get(found.number).cloned();
+        row.with_context(|| format!("no search here has a failure {}; search again", found.number + 1))
     }
 
     /// What becomes of the plan of a choice, for each of its drivers. `check` is asked between the stages whether anybody still waits.
@@ -129,42 +131,68 @@ impl Workshop<'_> {
     /// *Errors*: as [`Workshop::ready`] and [`Workshop::attack`]; those of the driver.
     pub(super) fn judged(&self, choice: &Choice, driver: usize) -> Result<Judged> {
         let ready = self.ready(choice, driver)?;
-        let attack = self.attack(choice, &ready)?;
-        let (test, ctx) = (&ready.driver.test, &ready.driver.ctx);
-        let trajectory = test.path_of(&attack)?.trajectory;
-        let plan = Proposal { trajectory, ..attack.candidates[attack.chosen].clone() };
-        let rule = self.search.rule.objective.rule();
-        let mut pool = Pool::new(ctx, rule, vec![vec![plan]], 1);
-        let options = SearchOptions {
-            budget: 1,
-            order: Order::Pool,
-            refine: 0.0,
-            explain: Explained::All,
-            ..SearchOptions::default()
-        };
-        let result = search(test, ctx, rule, &mut pool, &options, self.seed, Hooks::default())?;
+        let (pool, result) = self.tried(choice, &ready, Explained::All)?;
         if result.failures.is_empty() {
             return Ok(Judged { failure: None, words: self.no_failure(&ready, &pool, &result)? });
         }
         let head = self.head(choice, &ready)?;
-        let found = FailureOf { pool: &pool, result: &result, number: 0 };
-        let row = match choice.found {
+        let of = FailureOf { pool: &pool, result: &result, number: 0 };
+        let row = match &choice.found {
             // A search knows where its plans come from.
-            Some(number) => {
-                let known = self.found(choice, number)?;
-                let row = FailureRow::new(&head, found, known.generated, None);
+            Some(found) => {
+                let known = self.found(choice, found)?;
+                let row = FailureRow::new(&head, of, known.generated, None);
                 FailureRow { plan: known.plan, probability: known.probability, ..row }
             }
             None => {
                 let (generator, number) = self.generator(choice)?;
                 let generated = generator.generated_by(&generator.points[number]);
-                FailureRow::new(&head, found, Some(generated), generator.built.keys.get(number))
+                FailureRow::new(&head, of, Some(generated), generator.built.keys.get(number))
             }
         };
         let sentence = row.sentence.as_deref().unwrap_or_default();
         let not: Vec<&str> = row.not_prevented_by().collect();
-        let words = format!("A failure. {sentence} {}", prevention(row.prevented_by(), &not));
+        let words = format!("A failure. {} {sentence}", prevention(row.prevented_by(), &not));
         Ok(Judged { failure: Some(row), words })
+    }
+
+    /// The search among the plan of a choice alone.
+    fn tried(&self, choice: &Choice, ready: &Ready, explain: Explained) -> Result<(Pool, SearchResult)> {
+        let attack = self.attack(choice, ready)?;
+        let (test, ctx) = (&ready.driver.test, &ready.driver.ctx);
+        let trajectory = test.path_of(&attack)?.trajectory;
+        let plan = Proposal { trajectory, ..attack.candidates[attack.chosen].clone() };
+        let rule = self.search.rule.objective.rule();
+        let mut pool = Pool::new(ctx, rule, vec![vec![plan]], 1);
+        let options =
+            SearchOptions { budget: 1, order: Order::Pool, refine: 0.0, explain, ..SearchOptions::default() };
+        let result = search(test, ctx, rule, &mut pool, &options, self.seed, Hooks::default())?;
+        Ok((pool, result))
+    }
+
+    /// Tries all places of the slider of a choice on its first driver: `tell` gets each place with what becomes of the drive, the places
+    /// next to the chosen one first.
+    ///
+    /// *Errors*: as [`Workshop::judged`]; those of `tell`.
+    pub(super) fn sweep(&self, choice: &Choice, tell: &dyn Fn(Value) -> Result<()>) -> Result<Value> {
+        choice.check()?;
+        let ready = self.ready(choice, choice.drivers[0])?;
+        let mut steps: Vec<usize> = (0..STEPS).collect();
+        steps.sort_by_key(|step| step.abs_diff(choice.step));
+        for step in steps {
+            let place = Choice { step, goal: None, found: None, ..choice.clone() };
+            let (_, result) = self.tried(&place, &ready, Explained::None)?;
+            let driven = result.driven.first();
+            let becomes = match driven {
+                Some(_) if !result.failures.is_empty() => "failure",
+                Some(driven) if driven.clauses.attack => "attack",
+                Some(driven) if driven.contact.is_some() => "contact",
+                Some(driven) if driven.error.is_some() => "error",
+                _ => "nothing",
+            };
+            tell(json!({"step": step, "becomes": becomes}))?;
+        }
+        Ok(json!({}))
     }
 
     /// Why a plan is no failure.

@@ -109,6 +109,7 @@ fn run(listener: TcpListener, server: Arc<Server>) -> Result<()> {
             .route("/drive", post(drive))
             .route("/explain", post(explain))
             .route("/search", post(search))
+            .route("/sweep", post(sweep))
             .route("/keep", post(keep))
             .layer(DefaultBodyLimit::max(LARGEST_BODY))
             .layer(middleware::from_fn_with_state(server.clone(), guard))
@@ -343,14 +344,31 @@ async fn keep(
     work(server, &headers, move |workshop, _| workshop.keep(&choice)).await
 }
 
-/// Answers with a line of JSON after each drive, and one at the end.
 async fn search(
     State(server): State<Arc<Server>>,
     headers: HeaderMap,
     body: Bytes,
 ) -> Result<Response, Refused> {
     let choice: Choice = content(&body)?;
-    let turn = server.turn(&headers)?;
+    lines_of(&server, &headers, move |workshop, tell| workshop.search(&choice, tell))
+}
+
+async fn sweep(
+    State(server): State<Arc<Server>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<Response, Refused> {
+    let choice: Choice = content(&body)?;
+    lines_of(&server, &headers, move |workshop, tell| workshop.sweep(&choice, tell))
+}
+
+/// Answers with a line of JSON for each that some work tells, and one for its result.
+fn lines_of(
+    server: &Server,
+    headers: &HeaderMap,
+    work: impl FnOnce(&Workshop, &dyn Fn(Value) -> Result<()>) -> Result<Value> + Send + 'static,
+) -> Result<Response, Refused> {
+    let turn = server.turn(headers)?;
     let (lines, waiting) = unbounded_channel::<Bytes>();
     server.send(move |workshop| {
         let tell = |said: Value| {
@@ -358,8 +376,8 @@ async fn search(
             // A tab that was closed hears nothing more.
             lines.send(line(&said)).map_err(|_| Superseded.into())
         };
-        let found = guarded(|| turn.check().and_then(|()| workshop.search(&choice, &tell)));
-        let last = found.unwrap_or_else(|error| json!({"error": format!("{error:#}")}));
+        let result = guarded(|| turn.check().and_then(|()| work(workshop, &tell)));
+        let last = result.unwrap_or_else(|error| json!({"error": format!("{error:#}")}));
         let _ = lines.send(line(&last));
     })?;
     let lines = stream::unfold(waiting, async |mut waiting| {

@@ -216,9 +216,11 @@ impl<'w> Workshop<'w> {
     ///
     /// *Errors*: a choice of what was not offered; those of the generator.
     pub(super) fn attack(&self, choice: &Choice, ready: &Ready) -> Result<Attack> {
-        if let Some(number) = choice.found {
-            let plan = self.found(choice, number)?.trajectory;
-            return Ok(Attack::of(vec![Proposal::of(plan)], 0, None));
+        if let Some(found) = &choice.found {
+            let FailureRow { head, trajectory, .. } = self.found(choice, found)?;
+            let own = &ready.scene().adversary()?.id;
+            ensure!(head.adversary == *own, "that failure is of the adversary `{}`", head.adversary);
+            return Ok(Attack::of(vec![Proposal::of(trajectory)], 0, None));
         }
         let (generator, number) = self.generator(choice)?;
         let (driver, seed) = (&ready.driver, generator.spec.seed);

@@ -222,7 +222,8 @@ impl Braking {
                 let weak = if hardest < WEAK { ", and too weakly" } else { "" };
                 format!(": {:.1} s too late{weak}", time - own)
             }
-            Some(_) => ": too weakly".to_owned(),
+            Some(_) if hardest < WEAK => ": too weakly".to_owned(),
+            Some(_) => ": too weakly at first".to_owned(),
             None => String::new(),
         };
         format!("Full braking would have been enough up to {time:.1} s before the contact{off}; {own}{late}.")

@@ -208,7 +208,11 @@ fn what_the_page_finds_is_what_search_finds_and_can_be_kept() {
     choice["found"] = json!({"number": 0, "without": []});
     let explained = ask("/explain", &choice);
     let words = explained["words"][0]["text"].as_str().unwrap();
-    assert!(explained["words"][0]["failure"] == true && words.starts_with("A failure. The driver of UN R157 would "), "{words}");
+    assert!(
+        explained["words"][0]["failure"] == true
+            && words.starts_with("A failure. The driver of UN R157 would "),
+        "{words}"
+    );
     assert!(words.contains(" After "), "{words}");
 
     // Nothing is written until something is kept; the same failure is one test.
@@ -217,7 +221,8 @@ fn what_the_page_finds_is_what_search_finds_and_can_be_kept() {
     assert_eq!(ask("/keep", &choice), kept, "twice");
     // The same plan where somebody is not there, by the commands of the page too.
     let users = ask("/scene", &json!({"scene": 2}));
-    let away = users["users"].as_array().unwrap().iter().rfind(|user| user["id"] != users["adversary"]).unwrap();
+    let away =
+        users["users"].as_array().unwrap().iter().rfind(|user| user["id"] != users["adversary"]).unwrap();
     choice["without"] = json!([away["id"]]);
     compare(&ask("/drive", &choice), &origin, folder.path());
     choice["found"]["without"] = choice["without"].clone();
@@ -377,7 +382,11 @@ fn wrong_requests_get_an_error_and_the_next_one_an_answer() {
         {
             assert_eq!(studio.post(path, Some(&session), &body).0, expected, "{path} {body}");
         }
-        for wrong in [with("drivers", json!([7])), with("scene", json!(99)), with("found", json!({"number": 3, "without": []}))] {
+        for wrong in [
+            with("drivers", json!([7])),
+            with("scene", json!(99)),
+            with("found", json!({"number": 3, "without": []})),
+        ] {
             let (status, answer) = studio.post(path, Some(&session), &wrong);
             // A search finds its own failures, and says in its answer what is wrong.
             let is_found = path == "/search" && wrong.contains("number");

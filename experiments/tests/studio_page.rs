@@ -154,7 +154,9 @@ fn a_person_finds_a_failure_and_keeps_it() {
     // Why it is no failure is said once nothing changes any more, and what becomes of the other places of the slider.
     browser.wait("element('why').innerText.includes('No failure: ')");
     browser.wait("places.size === offered.steps");
-    assert!(browser.run("return element('places-legend').textContent").as_str().unwrap().starts_with("idm: "));
+    assert!(
+        browser.run("return element('places-legend').textContent").as_str().unwrap().starts_with("idm: ")
+    );
     browser.run("element('search').click()");
     browser.wait("!isSearching");
     let said = browser.run("return element('searched').textContent");

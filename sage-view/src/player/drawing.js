@@ -294,7 +294,6 @@ function drawPanel(panel) {
   panel.status.className = over && (panel.contact || panel.failed) ? "over" : "";
   const said = panel.shown.findLast((s) => s.frame <= time && s.log);
   panel.log.textContent = said ? `${((said.frame - now) / 10).toFixed(1)} s: ${said.log}` : "";
-  panel.log.hidden = !panel.shown.some((s) => s.log);
   panel.status.textContent = over ? panel.ending : view.time < now ? panel.history : panel.note;
   drawStrip(panel, time, ratio);
 }

@@ -58,6 +58,7 @@ function build() {
     panel.status = make("p", panel.box);
     panel.log = make("pre", panel.box);
     panel.log.title = "What the planner wrote to its log";
+    panel.log.hidden = !panel.shown.some((s) => s.log);
     head.addEventListener("click", () => alone(view.alone === null ? unit(panel) : null));
     panel.isVisible = true;
     drag(area, panel);

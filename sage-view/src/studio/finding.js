@@ -26,7 +26,7 @@ async function explain() {
     const { words } = await ask("/explain", wanted);
     if (asked !== JSON.stringify(wanted)) return;
     showWhy(words);
-    if (!isProgram()) await sweep();
+    if (!isProgram() && element("start").hidden) await sweep();
   } catch (error) {
     if (!error.isReplaced) showWhy([{ error: error.message }]);
   }

@@ -57,6 +57,7 @@ const openScene = (number) => openView({ scene: number, adversary: null, without
 // A view from a link starts no program: a person does.
 async function openView(next, isOfLink = false) {
   if (!next) return;
+  clearTimeout(explaining);
   Object.assign(wanted, next);
   forgetFound();
   markScene()?.scrollIntoView({ block: "nearest" });

@@ -6,7 +6,6 @@ use std::{
     sync::Mutex,
 };
 
-
 use super::locked::locked;
 use crate::commands::{
     search::found::{FailureScene, json},

@@ -241,7 +241,9 @@ impl<'w> Workshop<'w> {
 
     /// Plans the attacks of the place to which a slider goes on from a choice, while its drives are drawn.
     pub(super) fn foresee(&self, choice: &Choice, check: &dyn Fn() -> Result<()>) -> Result<()> {
-        for &driver in &choice.drivers {
+        // A program is asked only for what a person asks.
+        let is_own = |driver: &&usize| self.drivers.get(**driver).is_some_and(|driver| !driver.is_program);
+        for &driver in choice.drivers.iter().filter(is_own) {
             let ready = self.ready(choice, driver)?;
             let key = (choice.generator, choice.dial, choice.step);
             let before = locked(&ready.last).replace(key);

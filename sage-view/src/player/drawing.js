@@ -426,18 +426,18 @@ function drawPlot(c, panel, name, width, height, ratio, isNamed) {
   c.fillText(name, x(0) + 2 * ratio, y(top) + 3 * ratio);
 }
 
-let waiting = false;
+let waiting = 0;
 function redraw() {
-  if (waiting) return;
-  waiting = true;
-  requestAnimationFrame(() => {
-    waiting = false;
-    if (!view.scale) view.scale = firstScale();
-    panels.filter((p) => !p.box.hidden && p.isVisible).forEach(drawPanel);
-    element("time").value = view.time;
-    element("clock").textContent = `${((view.time - now) / 10).toFixed(1)} s`;
-    element("play").textContent = view.playing ? "Pause" : "Play";
-  });
+  waiting ||= requestAnimationFrame(drawNow);
+}
+function drawNow() {
+  cancelAnimationFrame(waiting);
+  waiting = 0;
+  if (!view.scale) view.scale = firstScale();
+  panels.filter((p) => !p.box.hidden && p.isVisible).forEach(drawPanel);
+  element("time").value = view.time;
+  element("clock").textContent = `${((view.time - now) / 10).toFixed(1)} s`;
+  element("play").textContent = view.playing ? "Pause" : "Play";
 }
 
 // About 45 m across the smaller side of a view, or 90 m across the larger one, and both cars at *now*.

@@ -116,6 +116,8 @@ function draw(answer) {
   build();
   if (isNew) alone(null);
   else { show(); arrange(); }
+  // Nothing to wait for: the next frame shows it.
+  drawNow();
   say(answer.words);
   showWhy([]);
   element("kept").textContent = "";

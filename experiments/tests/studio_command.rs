@@ -280,6 +280,25 @@ fn what_the_page_finds_is_what_search_finds_and_can_be_kept() {
 }
 
 #[test]
+fn every_generator_is_offered_with_every_weights() {
+    let folder = tempfile::tempdir().unwrap();
+    let other = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
+    let weights = format!("procedural,{}", other.display());
+    let arguments = ["--procedural", "1", "--method", "sage", "--method", "rule", "--weights", &*weights];
+    let mut studio = Studio::start(&arguments, folder.path());
+    let session = studio.session();
+    let offered: Value = serde_json::from_str(&studio.post("/offered", Some(&session), "").1).unwrap();
+    let names: Vec<&str> =
+        offered["generators"].as_array().unwrap().iter().map(|one| one["name"].as_str().unwrap()).collect();
+    assert_eq!((names.len(), names[0], names[1]), (4, "sage, procedural", "rule, procedural"));
+    let mut choice = wanted(0, 20, &[0]);
+    choice["generator"] = json!(2);
+    let answer: Value =
+        serde_json::from_str(&studio.post("/drive", Some(&session), &choice.to_string()).1).unwrap();
+    assert!(answer["command"].as_str().unwrap().contains(&other.display().to_string()), "{answer}");
+}
+
+#[test]
 fn names_of_strangers_reach_the_shell_as_they_are() {
     let folder = tempfile::tempdir().unwrap();
     let name = "it's $(touch broken) \"x\" `id`.pkl";

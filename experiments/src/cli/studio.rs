@@ -38,9 +38,10 @@ pub(crate) struct StudioArgs {
     /// Generators to choose among, by their names in `sage list`. May be repeated.
     #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "sage")]
     pub method: Vec<Part>,
-    /// Weights of the experts: procedural, waymo, waymo-paper, waymo-literal or a folder (default: procedural).
-    #[arg(long, help_heading = ATTACK, value_name = "NAME")]
-    pub weights: Option<String>,
+    /// Comma-separated weights of the experts to choose among: procedural, waymo, waymo-paper, waymo-literal or a folder (default:
+    /// procedural).
+    #[arg(long, help_heading = ATTACK, value_name = "NAMES", value_delimiter = ',')]
+    pub weights: Vec<String>,
     /// Largest number of attacked drives of a search.
     #[arg(long, help_heading = SEARCH, value_name = "N", default_value_t = 64, value_parser = budget)]
     pub budget: usize,

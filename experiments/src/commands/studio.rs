@@ -9,6 +9,7 @@ mod keeping;
 mod locked;
 mod method;
 mod server;
+mod sessions;
 mod workshop;
 
 use std::{
@@ -19,7 +20,6 @@ use std::{
 
 use advsage::{
     Registries, driver_spec::DriverSpecs, ego::Ego, named_generator::GeneratorSpec, named_search::SearchSpec,
-    part::Part,
 };
 use anyhow::{Context as _, Result, ensure};
 use sage_run::{Outcome, scenes::Scenes};
@@ -38,11 +38,20 @@ pub(crate) fn run(args: &StudioArgs, registries: &Registries) -> Result<Outcome>
     let specs = args.ego.iter().flat_map(|DriverSpecs(parts)| parts);
     let specs: Vec<_> = specs.map(|spec| args.planner.applied(spec)).collect();
     let drivers = Ego::all(&specs, registries)?;
-    let of = |part: &Part| Method::of(part, args.weights.as_deref(), args.seed, registries);
-    let methods = args.method.iter().map(of).collect::<Result<Vec<_>>>()?;
-    let spec = GeneratorSpec { weights: args.weights.clone(), seed: args.seed, ..GeneratorSpec::default() };
-    let search = SearchSpec { generator: spec, ..SearchSpec::default() }.build(registries)?;
-    let keeper = |out| Keeper::new(out, search.rule.objective.spec().feasibility.clone());
+    let weights: Vec<Option<&str>> = match args.weights.is_empty() {
+        true => vec![None],
+        false => args.weights.iter().map(|name| Some(&**name)).collect(),
+    };
+    let (mut methods, mut searches) = (Vec::new(), Vec::new());
+    for weights in weights {
+        for part in &args.method {
+            methods.push(Method::of(part, weights, searches.len(), args.seed, registries)?);
+        }
+        let weights = weights.map(str::to_owned);
+        let spec = GeneratorSpec { weights, seed: args.seed, ..GeneratorSpec::default() };
+        searches.push(SearchSpec { generator: spec, ..SearchSpec::default() }.build(registries)?);
+    }
+    let keeper = |out| Keeper::new(out, searches[0].rule.objective.spec().feasibility.clone());
     let keeper = args.out.as_deref().map(keeper).transpose()?;
     let names = scenes.names();
     let workshop = Workshop {
@@ -54,7 +63,7 @@ pub(crate) fn run(args: &StudioArgs, registries: &Registries) -> Result<Outcome>
         budget: args.budget,
         drivers: &drivers,
         methods,
-        search,
+        searches,
         keeper,
         registries,
         ready: Mutex::default(),

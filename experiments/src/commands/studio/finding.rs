@@ -57,9 +57,10 @@ impl Workshop<'_> {
         let options =
             SearchOptions { budget: self.budget, explain: Explained::Mildest, ..SearchOptions::default() };
         let (head, merger) = (self.head(choice, &ready)?, GeneratorSpec::default().merger);
+        let search = self.search_of(choice)?;
         let row = |pool: &Pool, result: &SearchResult, number: usize| {
             let found = FailureOf { pool, result, number };
-            let key = self.search.plans.source(pool.plans[found.evaluated().plan].source);
+            let key = search.plans.source(pool.plans[found.evaluated().plan].source);
             let of_key = |key: &RowKey| GeneratedBy::at(&key.part(), &merger, key.point.as_ref());
             FailureRow::new(&head, found, key.map(of_key), key)
         };
@@ -80,7 +81,7 @@ impl Workshop<'_> {
             }
         };
         let watch = Some(Box::new(watch) as _);
-        let (pool, result) = self.search.search_watched(&ready.driver, &options, self.seed, watch)?;
+        let (pool, result) = search.search_watched(&ready.driver, &options, self.seed, watch)?;
         if let Some(error) = stopped {
             return Err(error);
         }
@@ -89,7 +90,7 @@ impl Workshop<'_> {
             (0..result.failures.len()).map(|number| row(&pool, &result, number)).collect();
         let said = shown(&rows);
         *locked(&ready.found) = rows;
-        let source = |number| self.search.plans.source(number);
+        let source = |number| search.plans.source(number);
         let summary = SceneRow::new(head.clone(), &options, &pool, &result, source);
         let drives = count(result.driven.len(), "drive");
         let words = match result.failures.len() {
@@ -162,7 +163,7 @@ impl Workshop<'_> {
         let (test, ctx) = (&ready.driver.test, &ready.driver.ctx);
         let trajectory = test.path_of(&attack)?.trajectory;
         let plan = Proposal { trajectory, ..attack.candidates[attack.chosen].clone() };
-        let rule = self.search.rule.objective.rule();
+        let rule = self.search_of(choice)?.rule.objective.rule();
         let mut pool = Pool::new(ctx, rule, vec![vec![plan]], 1);
         let options =
             SearchOptions { budget: 1, order: Order::Pool, refine: 0.0, explain, ..SearchOptions::default() };

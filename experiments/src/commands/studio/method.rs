@@ -40,15 +40,23 @@ pub(super) fn value(step: usize) -> f64 {
 pub(super) struct Method {
     pub(super) part: Part,
     pub(super) weights: Option<String>,
+    /// Number of the search with these weights.
+    pub(super) search: usize,
     /// Its attacks at all places of each dial; one without places if it depends on none.
     dials: Vec<(Option<Dial>, NamedGenerator)>,
 }
 
 impl Method {
-    /// Builds a generator.
+    /// Builds a generator; `search` is the number of the search with its weights.
     ///
     /// *Errors*: the name or the options are wrong; weights cannot be used.
-    pub(super) fn of(part: &Part, weights: Option<&str>, seed: u64, registries: &Registries) -> Result<Self> {
+    pub(super) fn of(
+        part: &Part,
+        weights: Option<&str>,
+        search: usize,
+        seed: u64,
+        registries: &Registries,
+    ) -> Result<Self> {
         let places = || Some(Values((0..STEPS).map(value).collect()));
         let spec = |points| GeneratorSpec {
             method: Some(part.clone()),
@@ -68,7 +76,7 @@ impl Method {
                 dials.push((Some(Dial::Aggression), built));
             }
         }
-        Ok(Self { part: part.clone(), weights: weights.map(str::to_owned), dials })
+        Ok(Self { part: part.clone(), weights: weights.map(str::to_owned), search, dials })
     }
 
     /// Whether a slider changes it.
@@ -81,7 +89,8 @@ impl Method {
         let dials: Vec<Dial> = self.dials.iter().filter_map(|(dial, _)| *dial).collect();
         // A goal is a selection, on which some generators do not depend.
         let aims = self.dials[0].1.built.facts.depends_on_mu;
-        json!({"name": self.part.to_string(), "dials": dials, "aims": aims})
+        let weights = self.weights.as_ref().map_or(String::new(), |weights| format!(", {weights}"));
+        json!({"name": format!("{}{weights}", self.part), "dials": dials, "aims": aims})
     }
 
     /// The generator at all places of a dial; `None` if it has no such dial.

@@ -1,15 +1,10 @@
 //! The server of the page: this machine alone, sessions, limits, one piece of work a session at a time.
 
 use std::{
-    collections::HashMap,
     convert::Infallible,
     net::TcpListener,
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::{
-        Arc, Mutex,
-        atomic::{AtomicU64, Ordering},
-        mpsc,
-    },
+    sync::{Arc, Mutex, mpsc},
 };
 
 use anyhow::{Context as _, Result, bail};
@@ -28,12 +23,15 @@ use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Value, json};
 use tokio::sync::{mpsc::unbounded_channel, oneshot};
 
-use super::{choice::Choice, locked::locked, workshop::Workshop};
+use super::{
+    choice::Choice,
+    locked::locked,
+    sessions::{Sessions, Superseded, Turn, secret},
+    workshop::Workshop,
+};
 
 /// Largest body of a request, bytes.
 const LARGEST_BODY: usize = 64 << 10;
-/// Most sessions at a time; the oldest ends.
-const MOST_SESSIONS: usize = 32;
 /// Header with the session.
 const SESSION: &str = "x-session";
 /// Header with a number that grows from request to request of a page, which may arrive in another order.
@@ -49,23 +47,7 @@ struct Server {
     offered: Value,
     /// Address without the scheme, such as `127.0.0.1:4711`.
     address: String,
-    /// The key of the link that was printed last.
-    key: Mutex<String>,
-    sessions: Mutex<Sessions>,
-}
-
-/// Sessions by their secret, with the number of the newest request of each.
-#[derive(Default)]
-struct Sessions {
-    by_secret: HashMap<String, Arc<AtomicU64>>,
-    oldest_first: Vec<String>,
-}
-
-/// A random text that nobody can guess.
-fn secret() -> Result<String> {
-    let mut bytes = [0; 16];
-    getrandom::fill(&mut bytes).map_err(|error| anyhow::anyhow!("no random numbers: {error}"))?;
-    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+    sessions: Sessions,
 }
 
 /// Serves until the user interrupts it; opens the link if `opens`.
@@ -75,8 +57,7 @@ pub(super) fn serve(listener: TcpListener, workshop: &Workshop, opens: bool) -> 
     let address = listener.local_addr()?.to_string();
     let (jobs, waiting) = mpsc::channel::<Job>();
     let waiting = Mutex::new(waiting);
-    let (offered, key, sessions) = (workshop.offered(), Mutex::new(secret()?), Mutex::default());
-    let server = Server { jobs, offered, address, key, sessions };
+    let server = Server { jobs, offered: workshop.offered(), address, sessions: Sessions::new()? };
     server.say_link("open");
     if opens && let Err(error) = open::that_detached(server.link()) {
         progress::say(&format!("note: no browser was opened: {error}"));
@@ -125,60 +106,29 @@ fn run(listener: TcpListener, server: Arc<Server>) -> Result<()> {
 
 impl Server {
     fn link(&self) -> String {
-        format!("http://{}/#key={}", self.address, locked(&self.key))
+        format!("http://{}/#key={}", self.address, self.sessions.key())
     }
 
     fn say_link(&self, words: &str) {
         progress::say(&format!("{words} {}", self.link()));
     }
 
-    /// Opens a session for the key of the link, which is then another one.
-    fn open(&self, key: &str) -> Result<String> {
-        {
-            let mut known = locked(&self.key);
-            if *known != key {
-                bail!("this link was used before; the terminal of `sage studio` has a new one");
-            }
-            *known = secret()?;
-        }
-        let secret = secret()?;
-        let mut sessions = locked(&self.sessions);
-        sessions.by_secret.insert(secret.clone(), Arc::default());
-        sessions.oldest_first.push(secret.clone());
-        if sessions.oldest_first.len() > MOST_SESSIONS {
-            let oldest = sessions.oldest_first.remove(0);
-            sessions.by_secret.remove(&oldest);
-        }
-        drop(sessions);
-        self.say_link("for another tab or browser, open");
-        Ok(secret)
-    }
-
-    /// The newest request of the session that a request carries.
-    fn newest(&self, headers: &HeaderMap) -> Result<Arc<AtomicU64>, Refused> {
+    /// The secret of the session that a request carries.
+    fn secret<'h>(&self, headers: &'h HeaderMap) -> Result<&'h str, Refused> {
         let secret = headers.get(SESSION).and_then(|value| value.to_str().ok());
-        let found = secret.and_then(|secret| locked(&self.sessions).by_secret.get(secret).cloned());
-        found.ok_or_else(|| {
-            Refused(StatusCode::UNAUTHORIZED, "open the link that `sage studio` printed".to_owned())
-        })
+        secret.filter(|secret| self.sessions.has(secret)).ok_or_else(Refused::unopened)
     }
-}
 
-impl Server {
-    /// The turn of a request in the session that it carries, which ends turns before; without a number the next one.
+    /// The turn of a request.
     fn turn(&self, headers: &HeaderMap) -> Result<Turn, Refused> {
-        let newest = self.newest(headers)?;
-        let own = match headers.get(TURN) {
-            Some(number) => {
-                let number = number.to_str().ok().and_then(|number| number.parse().ok());
-                number.filter(|number| *number < LAST_TURN).ok_or_else(|| {
-                    Refused(StatusCode::BAD_REQUEST, format!("`{TURN}` is not a number below {LAST_TURN}"))
-                })?
-            }
-            None => newest.load(Ordering::SeqCst) + 1,
-        };
-        newest.fetch_max(own, Ordering::SeqCst);
-        Ok(Turn { newest, own })
+        let secret = self.secret(headers)?;
+        let number = headers.get(TURN).map(|number| {
+            let number = number.to_str().ok().and_then(|number| number.parse().ok());
+            number.filter(|number| *number < LAST_TURN).ok_or_else(|| {
+                Refused(StatusCode::BAD_REQUEST, format!("`{TURN}` is not a number below {LAST_TURN}"))
+            })
+        });
+        self.sessions.turn(secret, number.transpose()?).ok_or_else(Refused::unopened)
     }
 
     fn send(&self, job: impl FnOnce(&Workshop) + Send + 'static) -> Result<(), Refused> {
@@ -188,6 +138,12 @@ impl Server {
 
 /// An answer that is an error.
 struct Refused(StatusCode, String);
+
+impl Refused {
+    fn unopened() -> Self {
+        Self(StatusCode::UNAUTHORIZED, "open the link that `sage studio` printed".to_owned())
+    }
+}
 
 impl IntoResponse for Refused {
     fn into_response(self) -> Response {
@@ -210,18 +166,6 @@ impl From<anyhow::Error> for Refused {
         Self(status, format!("{error:#}"))
     }
 }
-
-/// A newer request of the session made this one pointless.
-#[derive(Debug)]
-struct Superseded;
-
-impl std::fmt::Display for Superseded {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str("a newer request took its place")
-    }
-}
-
-impl std::error::Error for Superseded {}
 
 /// Whether a request may be one of this page: by its host, against names that lead here from elsewhere, and by its origin, which a
 /// browser names in every request that is no plain visit.
@@ -274,12 +218,14 @@ struct Key {
 
 async fn session(State(server): State<Arc<Server>>, body: Bytes) -> Result<Json<Value>, Refused> {
     let Key { key } = content(&body)?;
-    let session = server.open(&key).map_err(|error| Refused(StatusCode::UNAUTHORIZED, error.to_string()))?;
+    let session = server.sessions.open(&key);
+    let session = session.map_err(|error| Refused(StatusCode::UNAUTHORIZED, error.to_string()))?;
+    server.say_link("for another tab or browser, open");
     Ok(Json(json!({"session": session})))
 }
 
 async fn offered(State(server): State<Arc<Server>>, headers: HeaderMap) -> Result<Json<Value>, Refused> {
-    server.newest(&headers)?;
+    server.secret(&headers)?;
     Ok(Json(server.offered.clone()))
 }
 
@@ -304,7 +250,7 @@ async fn thumbnail(
     headers: HeaderMap,
     body: Bytes,
 ) -> Result<Json<Value>, Refused> {
-    server.newest(&headers)?;
+    server.secret(&headers)?;
     let SceneNumber { scene } = content(&body)?;
     answer_of(&server, move |workshop| workshop.thumbnail(scene)).await
 }
@@ -389,19 +335,6 @@ fn lines_of(
 
 fn line(value: &Value) -> Bytes {
     Bytes::from(format!("{value}\n"))
-}
-
-/// A request of a session among its others.
-struct Turn {
-    newest: Arc<AtomicU64>,
-    own: u64,
-}
-
-impl Turn {
-    /// *Errors*: a newer request of the session came.
-    fn check(&self) -> Result<()> {
-        if self.newest.load(Ordering::SeqCst) == self.own { Ok(()) } else { Err(Superseded.into()) }
-    }
 }
 
 /// Does the newest work of a session. `check` says to older work that it may end.

@@ -90,7 +90,8 @@ pub(super) struct Workshop<'w> {
     pub(super) budget: usize,
     pub(super) drivers: &'w [Ego],
     pub(super) methods: Vec<Method>,
-    pub(super) search: NamedSearch,
+    /// A search for each of the weights.
+    pub(super) searches: Vec<NamedSearch>,
     /// Where failures are kept; `None` if nothing is written.
     pub(super) keeper: Option<Keeper>,
     pub(super) registries: &'w Registries,
@@ -204,10 +205,19 @@ impl<'w> Workshop<'w> {
         Ok(ready)
     }
 
+    fn method(&self, choice: &Choice) -> Result<&Method> {
+        let method = self.methods.get(choice.generator);
+        method.with_context(|| format!("there is no generator {}", choice.generator))
+    }
+
+    /// The search with the weights of a choice.
+    pub(super) fn search_of(&self, choice: &Choice) -> Result<&NamedSearch> {
+        Ok(&self.searches[self.method(choice)?.search])
+    }
+
     /// The generator of a choice at the places of its dial, and the number of the chosen one.
     pub(super) fn generator(&self, choice: &Choice) -> Result<(&NamedGenerator, usize)> {
-        let method = self.methods.get(choice.generator);
-        let method = method.with_context(|| format!("there is no generator {}", choice.generator))?;
+        let method = self.method(choice)?;
         let generator = method.at(choice.dial).context("this generator has no such dial")?;
         Ok((generator, if method.has_dial() { choice.step } else { 0 }))
     }

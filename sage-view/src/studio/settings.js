@@ -163,7 +163,11 @@ function generate(change) {
   element("found").querySelectorAll("[aria-pressed=true]").forEach((e) => e.setAttribute("aria-pressed", "false"));
   attackAgain();
 }
-element("generator").addEventListener("change", (e) => generate({ generator: Number(e.target.value) }));
+element("generator").addEventListener("change", (e) => {
+  // Another generator may have other weights, and a search has those.
+  forgetFound();
+  generate({ generator: Number(e.target.value) });
+});
 element("dial").addEventListener("input", (e) => generate({ step: Number(e.target.value) }));
 document.querySelectorAll("[name=dial]").forEach((e) => e.addEventListener("change", () => generate({ dial: e.value })));
 for (const id of ["driver", "second"]) element(id).addEventListener("change", () => {

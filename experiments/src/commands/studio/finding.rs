@@ -22,7 +22,7 @@ use super::{
     choice::{Choice, FoundChoice},
     locked::locked,
     method::STEPS,
-    workshop::{Ready, Workshop},
+    workshop::{FoundFailures, Ready, Workshop},
 };
 
 /// Name of the reference driver of UN R157.
@@ -57,22 +57,24 @@ impl Workshop<'_> {
         let options =
             SearchOptions { budget: self.budget, explain: Explained::Mildest, ..SearchOptions::default() };
         let (head, merger) = (self.head(choice, &ready)?, GeneratorSpec::default().merger);
-        let search = self.search_of(choice)?;
+        let (number, search) = (self.method(choice)?.search, self.search_of(choice)?);
         let row = |pool: &Pool, result: &SearchResult, number: usize| {
             let found = FailureOf { pool, result, number };
             let key = search.plans.source(pool.plans[found.evaluated().plan].source);
             let of_key = |key: &RowKey| GeneratedBy::at(&key.part(), &merger, key.point.as_ref());
             FailureRow::new(&head, found, key.map(of_key), key)
         };
-        locked(&ready.found).clear();
-        let mut stopped = None;
+        let keep = |rows: &[FailureRow]| {
+            *locked(&ready.found) = FoundFailures { search: number, rows: rows.to_vec() };
+        };
+        let (mut rows, mut stopped) = (Vec::new(), None);
+        keep(&rows);
         let watch = |pool: &Pool, result: &SearchResult| {
-            let mut found = locked(&ready.found);
-            let new = found.len()..result.failures.len();
-            found.extend(new.map(|number| row(pool, result, number)));
-            let said = json!({"drives": result.driven.len(), "found": shown(&found)});
-            drop(found);
-            match tell(said) {
+            if rows.len() < result.failures.len() {
+                rows.extend((rows.len()..result.failures.len()).map(|number| row(pool, result, number)));
+                keep(&rows);
+            }
+            match tell(json!({"drives": result.driven.len(), "found": shown(&rows)})) {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(error) => {
                     stopped = Some(error);
@@ -88,8 +90,7 @@ impl Workshop<'_> {
         // The sentence of the mildest and the probabilities are known at the end.
         let rows: Vec<FailureRow> =
             (0..result.failures.len()).map(|number| row(&pool, &result, number)).collect();
-        let said = shown(&rows);
-        *locked(&ready.found) = rows;
+        keep(&rows);
         let source = |number| search.plans.source(number);
         let summary = SceneRow::new(head.clone(), &options, &pool, &result, source);
         let drives = count(result.driven.len(), "drive");
@@ -97,7 +98,7 @@ impl Workshop<'_> {
             0 => format!("no failure in {drives}: {}", summary.reason_words()),
             some => format!("{} in {drives}", count(some, "failure")),
         };
-        Ok(json!({"drives": result.driven.len(), "found": said, "words": words}))
+        Ok(json!({"drives": result.driven.len(), "found": shown(&rows), "words": words}))
     }
 
     /// A failure that the newest search of the first driver found.
@@ -106,7 +107,9 @@ impl Workshop<'_> {
     pub(super) fn found(&self, choice: &Choice, found: &FoundChoice) -> Result<FailureRow> {
         let searched = Choice { without: found.without.clone(), ..choice.clone() };
         let ready = self.ready(&searched, choice.drivers[0])?;
-        let row = locked(&ready.found).get(found.number).cloned();
+        let search = self.method(choice)?.search;
+        let newest = locked(&ready.found);
+        let row = newest.rows.get(found.number).filter(|_| newest.search == search).cloned();
         row.with_context(|| format!("no search here has a failure {}; search again", found.number + 1))
     }
 

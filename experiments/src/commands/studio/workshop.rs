@@ -48,7 +48,15 @@ pub(super) struct Ready<'w> {
     /// The attack that was asked for last.
     last: Mutex<Option<AttackKey>>,
     /// What the newest search found.
-    pub(super) found: Mutex<Vec<FailureRow>>,
+    pub(super) found: Mutex<FoundFailures>,
+}
+
+/// What a search found.
+#[derive(Default)]
+pub(super) struct FoundFailures {
+    /// Number of the search.
+    pub(super) search: usize,
+    pub(super) rows: Vec<FailureRow>,
 }
 
 impl Ready<'_> {
@@ -205,17 +213,24 @@ impl<'w> Workshop<'w> {
         Ok(ready)
     }
 
-    fn method(&self, choice: &Choice) -> Result<&Method> {
+    /// The generator of a choice with all its dials.
+    ///
+    /// *Errors*: there is no such generator.
+    pub(super) fn method(&self, choice: &Choice) -> Result<&Method> {
         let method = self.methods.get(choice.generator);
         method.with_context(|| format!("there is no generator {}", choice.generator))
     }
 
     /// The search with the weights of a choice.
+    ///
+    /// *Errors*: as [`Workshop::method`].
     pub(super) fn search_of(&self, choice: &Choice) -> Result<&NamedSearch> {
         Ok(&self.searches[self.method(choice)?.search])
     }
 
     /// The generator of a choice at the places of its dial, and the number of the chosen one.
+    ///
+    /// *Errors*: there is no such generator, or it has no such dial.
     pub(super) fn generator(&self, choice: &Choice) -> Result<(&NamedGenerator, usize)> {
         let method = self.method(choice)?;
         let generator = method.at(choice.dial).context("this generator has no such dial")?;

@@ -106,6 +106,13 @@ pub(super) struct Workshop<'w> {
     pub(super) ready: Mutex<VecDeque<Arc<Ready<'w>>>>,
 }
 
+/// An attack without the candidates that were not selected.
+fn selected(mut attack: Attack) -> Attack {
+    attack.candidates = vec![attack.candidates.swap_remove(attack.chosen)];
+    attack.chosen = 0;
+    attack
+}
+
 /// Paths without the folder in which all of them lie.
 pub(super) fn labels(paths: &[String]) -> Vec<String> {
     let folder = |path: &str| path.rfind('/').map_or(0, |slash| slash + 1);
@@ -259,7 +266,8 @@ impl<'w> Workshop<'w> {
         let mut planned = locked(&planned);
         if planned.is_none() {
             let prepared = prepared.as_deref();
-            *planned = Some(generator.built.planned_at(&driver.ctx, &driver.test, prepared, number, seed)?);
+            let attack = generator.built.planned_at(&driver.ctx, &driver.test, prepared, number, seed)?;
+            *planned = Some(selected(attack));
         }
         planned.clone().context("the attack was planned")
     }

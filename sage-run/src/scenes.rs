@@ -4,6 +4,7 @@
 mod egos;
 mod entry;
 mod failed;
+mod recording;
 mod roles;
 mod split;
 
@@ -20,7 +21,7 @@ use sage_core::{
     objective::{Context, ContextOptions},
     scene::SceneData,
 };
-use sage_data::{ReadOptions, Recording, checks, folder, womd};
+use sage_data::{ReadOptions, checks, folder, womd};
 
 use crate::{
     AnyError, Error, Outcome, Result, WorkError,
@@ -178,13 +179,6 @@ impl Scenes {
     /// *Errors*: it cannot be read, or it changed since it was checked.
     pub fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>> {
         self.entries[number].load(&self.options)
-    }
-
-    /// Reads the recording of a scene, with other options than those of the list.
-    ///
-    /// *Errors*: it cannot be read, or came from a pipe.
-    pub fn recording(&self, number: usize, options: &ReadOptions) -> Result<Recording> {
-        self.entries[number].recording(options)
     }
 
     /// Prints why a scene failed, and counts it.

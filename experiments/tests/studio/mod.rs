@@ -10,7 +10,21 @@ use std::{
     time::Duration,
 };
 
-use serde_json::Value;
+use serde_json::{Value, json};
+
+/// What the page asks for: drivers in a scene, attacked by the first generator at a place of λ.
+pub fn wanted(scene: usize, step: usize, drivers: &[usize]) -> Value {
+    json!({"scene": scene, "generator": 0, "dial": "lambda", "step": step, "drivers": drivers, "adversary": null, "without": [], "goal": null})
+}
+
+/// The lines of an answer that comes in several.
+pub fn lines(answer: &str) -> Vec<Value> {
+    answer
+        .lines()
+        .filter(|line| line.starts_with('{'))
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect()
+}
 
 /// One that ends with the test.
 pub struct Studio {

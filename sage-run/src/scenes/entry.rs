@@ -7,7 +7,7 @@ use std::{
 
 use sage_core::scene::SceneData;
 use sage_data::{
-    Format, ReadOptions, Recording,
+    ReadOptions, Recording,
     procedural::{self, Kind},
 };
 
@@ -51,25 +51,6 @@ impl Entry {
         Ok(Some(Arc::new(data)))
     }
 
-    /// Reads or generates the recording of the scene.
-    ///
-    /// *Errors*: it cannot be read, or came from a pipe.
-    pub(super) fn recording(&self, options: &ReadOptions) -> Result<Recording> {
-        match &self.origin {
-            Origin::File(file) => Ok(Recording::read_as(file, options)?),
-            Origin::InMemory(data) => Err(Error::Refused(format!(
-                "`{}` came from a pipe and can be read only once; give a file",
-                data.name
-            ))),
-            Origin::Procedural(number, seed) => {
-                let scene = procedural::generate(kind_of(*number), *seed, *number);
-                let scene = scene.ok_or_else(|| Error::Refused(super::NO_SUCH.to_owned()))?;
-                let path = PathBuf::from(format!("{}.{}", scene.id, Format::Native.ending()));
-                Ok(Recording::from_bytes_as(&path, Recording::procedural(scene).to_native()?, options)?)
-            }
-        }
-    }
-
     /// Name of the scene.
     pub(super) fn name(&self) -> String {
         match &self.origin {
@@ -81,7 +62,7 @@ impl Entry {
 }
 
 /// Kind of the procedural scene of a number: the kinds take turns.
-fn kind_of(number: u64) -> Kind {
+pub(super) fn kind_of(number: u64) -> Kind {
     Kind::ALL[(number % Kind::ALL.len() as u64) as usize]
 }
 

@@ -29,7 +29,7 @@ use super::{
 const R157: &str = "r157";
 
 /// What becomes of a plan.
-pub(super) struct Judged {
+pub(super) struct PlanVerdict {
     /// The failure; `None` if it is none.
     pub(super) failure: Option<FailureRow>,
     /// The same in words.
@@ -115,16 +115,16 @@ impl Workshop<'_> {
 
     /// What becomes of the plan of a choice, for each of its drivers. `check` is asked between the stages whether anybody still waits.
     ///
-    /// *Errors*: as [`Workshop::judged`]; those of `check`.
+    /// *Errors*: as [`Workshop::verdict`]; those of `check`.
     pub(super) fn explain(&self, choice: &Choice, check: &dyn Fn() -> Result<()>) -> Result<Value> {
         choice.check()?;
         let mut words = Vec::new();
         for &driver in &choice.drivers {
             check()?;
-            let judged = self.judged(choice, driver)?;
-            let is_failure = judged.failure.is_some();
+            let verdict = self.verdict(choice, driver)?;
+            let is_failure = verdict.failure.is_some();
             words.push(
-                json!({"driver": self.drivers[driver].label, "text": judged.words, "failure": is_failure}),
+                json!({"driver": self.drivers[driver].label, "text": verdict.words, "failure": is_failure}),
             );
         }
         Ok(json!({"words": words}))
@@ -133,11 +133,11 @@ impl Workshop<'_> {
     /// Whether the plan of a choice is a failure of a driver: a search among this plan alone, which explains what it finds.
     ///
     /// *Errors*: as [`Workshop::ready`] and [`Workshop::attack`]; those of the driver.
-    pub(super) fn judged(&self, choice: &Choice, driver: usize) -> Result<Judged> {
+    pub(super) fn verdict(&self, choice: &Choice, driver: usize) -> Result<PlanVerdict> {
         let ready = self.ready(choice, driver)?;
         let (pool, result) = self.tried(choice, &ready, Explained::All)?;
         if result.failures.is_empty() {
-            return Ok(Judged { failure: None, words: self.no_failure(&ready, &pool, &result)? });
+            return Ok(PlanVerdict { failure: None, words: self.no_failure(&ready, &pool, &result)? });
         }
         let head = self.head(choice, &ready)?;
         let of = FailureOf { pool: &pool, result: &result, number: 0 };
@@ -157,7 +157,7 @@ impl Workshop<'_> {
         let sentence = row.sentence.as_deref().unwrap_or_default();
         let not: Vec<&str> = row.not_prevented_by().collect();
         let words = format!("A failure. {} {sentence}", prevention(row.prevented_by(), &not));
-        Ok(Judged { failure: Some(row), words })
+        Ok(PlanVerdict { failure: Some(row), words })
     }
 
     /// The search among the plan of a choice alone.
@@ -177,7 +177,7 @@ impl Workshop<'_> {
     /// Tries all places of the slider of a choice on its first driver: `tell` gets each place with what becomes of the drive, the places
     /// next to the chosen one first.
     ///
-    /// *Errors*: as [`Workshop::judged`]; those of `tell`.
+    /// *Errors*: as [`Workshop::verdict`]; those of `tell`.
     pub(super) fn sweep(&self, choice: &Choice, tell: &dyn Fn(Value) -> Result<()>) -> Result<Value> {
         choice.check()?;
         let ready = self.ready(choice, choice.drivers[0])?;

@@ -18,8 +18,9 @@ impl Workshop<'_> {
         choice.check()?;
         let keeper =
             self.keeper.as_ref().context("start `sage studio` with --out FOLDER to keep failures")?;
-        let judged = choice.drivers.iter().map(|&driver| self.judged(choice, driver));
-        let failures = judged.collect::<Result<Vec<_>>>()?.into_iter().filter_map(|judged| judged.failure);
+        let verdicts = choice.drivers.iter().map(|&driver| self.verdict(choice, driver));
+        let failures =
+            verdicts.collect::<Result<Vec<_>>>()?.into_iter().filter_map(|verdict| verdict.failure);
         let failures: Vec<FailureRow> = failures.collect();
         ensure!(!failures.is_empty(), "no driver here fails at this attack");
         let options = ReadOptions { without: choice.sorted_without(), ..ReadOptions::default() };

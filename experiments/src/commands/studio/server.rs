@@ -267,7 +267,7 @@ async fn drive(
         let check = || turn.check();
         let _ = done.send(guarded(|| check().and_then(|()| workshop.drive(&choice, &check))));
         // Nobody waits for this; what is wrong with it is said once somebody does.
-        let _ = guarded(|| check().and_then(|()| workshop.foresee(&choice, &check)).map(|()| Value::Null));
+        let _ = guarded(|| check().and_then(|()| workshop.plan_ahead(&choice, &check)).map(|()| Value::Null));
     })?;
     Ok(Json(answer.await.map_err(|_| ended())??))
 }

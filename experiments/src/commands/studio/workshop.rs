@@ -273,7 +273,7 @@ impl<'w> Workshop<'w> {
     }
 
     /// Plans the attacks of the place to which a slider goes on from a choice, while its drives are drawn.
-    pub(super) fn foresee(&self, choice: &Choice, check: &dyn Fn() -> Result<()>) -> Result<()> {
+    pub(super) fn plan_ahead(&self, choice: &Choice, check: &dyn Fn() -> Result<()>) -> Result<()> {
         // A program is asked only for what a person asks.
         let is_own = |driver: &&usize| self.drivers.get(**driver).is_some_and(|driver| !driver.is_program);
         for &driver in choice.drivers.iter().filter(is_own) {

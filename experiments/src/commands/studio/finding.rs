@@ -218,7 +218,11 @@ impl Workshop<'_> {
         let mut words = format!("No failure: {why}.");
         if driven.clauses.attack {
             let plan = pool.plans[driven.plan].candidate.trajectory();
-            let answers = ready.driver.test.watching()?.prevention(plan)?.answers;
+            // They were asked if nothing else is missing.
+            let answers = match driven.references.is_empty() {
+                true => ready.driver.test.watching()?.prevention(plan)?.answers,
+                false => driven.references.clone(),
+            };
             let by = answers.iter().find(|answer| answer.prevents == Some(true));
             let not = answers.iter().filter(|answer| answer.prevents != Some(true));
             let not: Vec<&str> = not.map(|answer| &*answer.reference).collect();
